@@ -88,18 +88,18 @@ def library_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
             if writer is None:
                 writer = Writer(file, compression=CompressionType.NONE if raw else CompressionType.ZSTD)
                 writer.start("ros2")
-                part = schemas.EVENT_PACKET if isinstance(message, EventPacket) else schemas.IMAGE
-                schema = writer.register_schema(part, "ros2msg", schemas.DEFINITIONS[part].encode())
+                kind = schemas.EVENT_PACKET if isinstance(message, EventPacket) else schemas.IMAGE
+                schema = writer.register_schema(kind, "ros2msg", schemas.DEFINITIONS[kind].encode())
                 channel = writer.register_channel(topic, "cdr", schema)
-            for part_ in mapping.encode(message, topic)[0]:
-                stamp = message.header.stamp_ns
-                writer.add_message(channel, stamp, b"".join(bytes(b) for b in part_.buffers), stamp)
+            stamp = message.header.stamp_ns
+            for part in mapping.encode(message, topic)[0]:
+                writer.add_message(channel, stamp, b"".join(bytes(b) for b in part.buffers), stamp)
         if writer is not None:
             writer.finish()
 
 
-def read(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Reads all messages of a bag with BagReader; `messages` is not used."""
+def read(path: Path) -> None:
+    """Reads all messages of a bag with BagReader."""
     with BagReader(path) as reader:
         for _ in reader.messages():
             pass
@@ -137,7 +137,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
             for _ in range(repeats):  # in turn, so that a change of the machine's load meets all
                 results["write"].append(timed(lambda: evis_writer(ours, messages())))  # noqa: B023
                 results["library"].append(timed(lambda: library_writer(theirs, messages())))  # noqa: B023
-                results["read"].append(timed(lambda: read(ours, messages())))  # noqa: B023
+                results["read"].append(timed(lambda: read(ours)))  # noqa: B023
                 size = ours.stat().st_size / 1e9
                 os.unlink(ours)
                 os.unlink(theirs)

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import resource
 import statistics
 import tempfile
+import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
@@ -39,12 +39,6 @@ TARGETS = {1: 0.15, 3: 0.20}
 """CPU time per message wanted of the bus, by number of consumers [ms]."""
 
 
-def cpu_s() -> float:
-    """Returns the CPU time of this process so far [s]."""
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
-
-
 def _read_bus(pipe: Connection, endpoints: Endpoints, name: str) -> None:
     context = zmq.Context()
     subscriber = Subscriber(context, TOPIC, name, "in", endpoints, message_type=Depth)
@@ -53,9 +47,9 @@ def _read_bus(pipe: Connection, endpoints: Endpoints, name: str) -> None:
     while (message := subscriber.receive(1000)) is not END:
         if message is not None:
             count += 1
-            start = cpu_s() if count == WARM_UP else start
+            start = time.process_time() if count == WARM_UP else start
             message.release()
-    pipe.send(cpu_s() - start)
+    pipe.send(time.process_time() - start)
     subscriber.close()
     context.term()
 
@@ -69,14 +63,14 @@ def _send_bus(endpoints: Endpoints, names: list[str], count: int) -> float:
         zmq.select(publisher.sockets(), [], [], 0.01)
     start = 0.0
     for i in range(WARM_UP + count):
-        start = cpu_s() if i == WARM_UP else start
+        start = time.process_time() if i == WARM_UP else start
         out = publisher.loan(depth=(SHAPE, "float32"))["depth"]
         out[...] = source
         slot = publisher.send(Depth(Header(i), depth=out))
         assert slot is not None
         slot.unpin()
     publisher.finish(30)
-    used = cpu_s() - start
+    used = time.process_time() - start
     publisher.close()
     context.term()
     return used
@@ -93,8 +87,8 @@ def _read_plain(pipe: Connection, endpoints: Endpoints, name: str) -> None:
         fields = msgpack.unpackb(frames[1])
         array = np.frombuffer(frames[2], fields["dtype"]).reshape(fields["shape"])
         count += array.shape == SHAPE
-        start = cpu_s() if count == WARM_UP else start
-    pipe.send(cpu_s() - start)
+        start = time.process_time() if count == WARM_UP else start
+    pipe.send(time.process_time() - start)
     context.destroy(linger=0)
 
 
@@ -110,11 +104,11 @@ def _send_plain(endpoints: Endpoints, names: list[str], count: int) -> float:
     source = np.random.default_rng(0).random(SHAPE, np.float32)
     topic, start = TOPIC.encode(), 0.0
     for i in range(WARM_UP + count):
-        start = cpu_s() if i == WARM_UP else start
+        start = time.process_time() if i == WARM_UP else start
         header = msgpack.packb({"seq": i, "dtype": "float32", "shape": SHAPE})
         sock.send_multipart([topic, header, source.data])
     sock.send_multipart([topic, b""])
-    used = cpu_s() - start
+    used = time.process_time() - start
     context.destroy(linger=10_000)
     return used
 

@@ -5,7 +5,6 @@ events.
 from __future__ import annotations
 
 import json
-import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -90,7 +89,7 @@ class FloodCameraNode(CameraNode):
     def step(self, inputs: Mapping[str, Message]) -> bool:
         if not self._began:
             self.driver.start()
-            self._began, self._cpu = time.monotonic(), _cpu_s()
+            self._began, self._cpu = time.monotonic(), time.process_time()
         return super().step(inputs)
 
     def publish(self, port: str, message: Message) -> None:
@@ -100,7 +99,7 @@ class FloodCameraNode(CameraNode):
 
     def finish(self) -> None:
         super().finish()
-        wall, cpu = time.monotonic() - self._began, _cpu_s() - self._cpu
+        wall, cpu = time.monotonic() - self._began, time.process_time() - self._cpu
         counters = self.driver.counters()
         stream = self.driver.stream_bytes
         result = {
@@ -144,8 +143,3 @@ class SinkNode(Node):
         assert isinstance(packet, EventPacket) and packet.t is not None
         self.count("events", len(packet.t))
         self.count("packets_marked", int(packet.lost > 0))
-
-
-def _cpu_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime

@@ -24,12 +24,12 @@ def launch(scene: str, *args: str, duration: float | None = None) -> dict[str, A
 
     duration: of --duration [s]; none for a graph whose source ends by itself.
     """
-    command = [sys.executable, "-m", "evis", "launch", scene, *args, "--no-view", "--json"]
-    command += ["--duration", str(duration)] if duration is not None else []
+    words = ["evis", "launch", scene, *args, "--no-view", "--json"]
+    words += ["--duration", str(duration)] if duration is not None else []
     started = time.monotonic()
-    result = subprocess.run(command, capture_output=True, text=True)
+    result = subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True)
     if result.returncode:
-        raise RuntimeError(f"{' '.join(command[2:])}: {result.stderr.strip()}")
+        raise RuntimeError(f"{' '.join(words)}: {result.stderr.strip()}")
     summary = json.loads(result.stdout.strip().splitlines()[-1])
     first = min((n["first_event_at"] for n in summary["nodes"].values() if n["first_event_at"]), default=started)
     return summary | {"first_event_s": first - started}

@@ -25,6 +25,27 @@ class Fixed:
     error: float
 
 
+@dataclass(frozen=True)
+class Wish:
+    """Describes what auto is asked for: to follow its own `rule`, or a `time` [s/s] or `error` (VP) that is wanted."""
+
+    kind: str
+    wanted: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Gives the cell of a table."""
+        told = {"rule": "its own rule", "time": f"{self.wanted:.2f} s/s", "error": f"VP {self.wanted:.3f}"}
+        return told[self.kind]
+
+
+def wishes_of(fixed: Sequence[Fixed]) -> list[Wish]:
+    """Lists what auto is asked for: its rule, run times of three of the fixed choices, and errors of two."""
+    by_time, by_error = sorted(f.seconds for f in fixed), sorted(f.error for f in fixed)
+    times = [Wish("time", by_time[len(fixed) * part // 4]) for part in (1, 2, 3)]
+    return [Wish("rule"), *times, *(Wish("error", by_error[len(fixed) * part // 4]) for part in (1, 2))]
+
+
 def compare(
     name: str,
     world: World,
@@ -36,10 +57,7 @@ def compare(
 ) -> list[dict[str, Any]]:
     """Compares auto with fixed choices: by its own rule, at three run times and at two errors, linear crossing times.
 
-    known: a fixed choice that was run already. Every choice is run in full. error ratio: its error over that of the
-    best fixed choice that takes no more time than it does itself; of a run time wanted, also of the best that keeps it.
-    time ratio, where an error is wanted: its run time over that of the fastest fixed choice with no more error than it
-    has itself or than was wanted.
+    known: a fixed choice that was run already. Every choice is run in full. The ratios are those of `ratios`.
     """
     scene = world.scene
     sensor = {"threshold": THRESHOLD, "crossing": "linear"}
@@ -47,55 +65,60 @@ def compare(
     began = setting.clock()
     measured = probe(setting)
     spent = setting.clock() - began
-    moving = measured.moving
-    by_time, by_error = sorted(fixed, key=lambda f: f.seconds), sorted(fixed, key=lambda f: f.error)
-    wishes: list[tuple[str, float | None]] = [("rule", None)]
-    wishes += [("time", by_time[len(by_time) * part // 4].seconds) for part in (1, 2, 3)]
-    wishes += [("error", by_error[len(by_error) * part // 4].error) for part in (1, 2)]
     rows = []
-    for kind, wanted in wishes:
+    for wish in wishes_of(fixed):
         began, tried = setting.clock(), len(measured.trials)
-        error, rtf = (
-            (wanted if kind == "error" else None),
-            (1 / (wanted + moving) if kind == "time" and wanted else None),
-        )
+        error = wish.wanted if wish.kind == "error" else None
+        rtf = 1 / (wish.wanted + measured.moving) if wish.kind == "time" and wish.wanted else None
         best = settle(setting, measured, error, rtf).candidate
         trials = setting.clock() - began
         way = (best.method, best.keyframe_rate, best.upsampling)
         if best.method == "none":
             way = ("none", best.frame_rate, 1)
         own = known(*way) or _run(world, way, duration_ns, truth, light)
-        rivals = [*fixed, own]
-        rival = min((f for f in rivals if f.seconds <= EVEN * own.seconds), key=lambda f: f.error)
         line: dict[str, Any] = {
             "scene": name,
-            "wanted": {"rule": "its own rule", "time": f"{wanted or 0:.2f} s/s", "error": f"VP {wanted or 0:.3f}"}[
-                kind
-            ],
+            "wanted": wish.label,
             "auto": own.label,
-            "predicted [s/s]": round(best.seconds - moving, 2),
+            "predicted [s/s]": round(best.seconds - measured.moving, 2),
             "run time [s/s]": round(own.seconds, 2),
             "predicted VP 1/ms": round(best.error, 4),
             "VP 1/ms": round(own.error, 4),
-            "best fixed": f"{rival.label} ({rival.error:.4f}, {rival.seconds:.2f} s/s)",
-            "error ratio": round(own.error / max(rival.error, 1e-9), 2),
-            "error ratio, wanted time": "",
-            "time ratio": "",
-            "measuring took [s]": f"{spent:.1f} + {trials:.1f} ({len(measured.trials) - tried} trials)",
         }
-        if kind == "time" and wanted:
-            in_time = min((f.error for f in fixed if f.seconds <= EVEN * wanted), default=own.error)
-            line["error ratio, wanted time"] = round(own.error / max(in_time, 1e-9), 2)
-        if kind == "error" and wanted:
-            as_good = min(f.seconds for f in rivals if f.error <= EVEN * max(wanted, own.error))
-            line["time ratio"] = round(own.seconds / as_good, 2)
+        line |= ratios(wish, own, fixed)
+        line["measuring took [s]"] = f"{spent:.1f} + {trials:.1f} ({len(measured.trials) - tried} trials)"
         rows.append(line)
     return rows
+
+
+def ratios(wish: Wish, own: Fixed, fixed: Sequence[Fixed]) -> dict[str, Any]:
+    """Compares what auto chose, as it ran, with the best of the fixed choices.
+
+    error ratio: its error over that of the best choice that takes no more time than it does itself; of a run time
+    wanted, also of the best that keeps it. time ratio, where an error is wanted: its run time over that of the fastest
+    choice with no more error than it has itself or than was wanted. What takes up to EVEN times as long counts as even.
+    """
+    rivals = [*fixed, own]
+    rival = min((f for f in rivals if f.seconds <= EVEN * own.seconds), key=lambda f: f.error)
+    found: dict[str, Any] = {
+        "best fixed": f"{rival.label} ({rival.error:.4f}, {rival.seconds:.2f} s/s)",
+        "error ratio": round(own.error / max(rival.error, 1e-9), 2),
+        "error ratio, wanted time": "",
+        "time ratio": "",
+    }
+    if wish.kind == "time" and wish.wanted:
+        in_time = min((f.error for f in fixed if f.seconds <= EVEN * wish.wanted), default=own.error)
+        found["error ratio, wanted time"] = round(own.error / max(in_time, 1e-9), 2)
+    if wish.kind == "error" and wish.wanted:
+        as_good = min(f.seconds for f in rivals if f.error <= EVEN * max(wish.wanted, own.error))
+        found["time ratio"] = round(own.seconds / as_good, 2)
+    return found
 
 
 def _run(
     world: World, way: tuple[str, float, int], duration_ns: int, truth: EventStream, light: dict[str, Any]
 ) -> Fixed:
+    """Runs a choice in full, with linear crossing times."""
     method, rate, k = way
     run = simulate(world, method, rate, k, duration_ns, ("linear",), None, light)
     error = victor_purpura(run.streams["linear"], truth, 1.0)

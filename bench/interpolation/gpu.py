@@ -22,6 +22,7 @@ import warp as wp
 
 import evis
 from bench import command
+from bench.interpolation.cases import states_of
 from evis.scene import load_scene
 from evis.scene.model import Scene
 from nodes.interpolator.keyframe import KeyframeView, Method, States
@@ -51,9 +52,8 @@ def states_at(scene: Scene, last: int, envs: int) -> States:
     first = last - GAP
     inner = np.arange(first // STEP + 1, -(-last // STEP)) * STEP
     t = np.concatenate([[first], inner, [last]])
-    paths = [b.trajectory for b in scene.bodies if b.trajectory is not None]
-    pose, twist = (np.stack(of_all, 1)[None] for of_all in ([p.pose(t) for p in paths], [p.twist(t) for p in paths]))
-    return States(t, np.repeat(pose, envs, 0), np.repeat(twist, envs, 0))
+    one = states_of(scene, t)
+    return States(t, np.repeat(one.pose, envs, 0), np.repeat(one.twist, envs, 0))
 
 
 def keyframes(scene: Scene, envs: int, device: str, count: int) -> list[KeyframeView]:

@@ -17,7 +17,7 @@ from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import Interpolator
-from nodes.interpolator.keyframe import States
+from nodes.interpolator.keyframe import Report, States
 from nodes.interpolator.methods import reads
 from nodes.interpolator.samples import Further as Samples
 from nodes.interpolator.warm_up import LONGEST
@@ -37,9 +37,9 @@ class Run:
     """Holds a run's events by crossing method, and the CPU time [s] of its stages, without what is made once.
 
     shaded: pixels of keyframes and those shaded between them. remembered: those of them whose light the renderer can
-    remember from the keyframe before. frame_error: root mean square of ln I against dense rendering over the
-    sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames. refined: samples of single
-    pixels between them.
+    remember from the keyframe before. reshaded, filled: pixels of sub-frames that were shaded anew, and guessed, of
+    `samples` in all. refined: samples of single pixels between them. frame_errors: root mean squares of ln I against
+    dense rendering, of each sub-frame that was compared, in thresholds.
     """
 
     streams: dict[str, EventStream]
@@ -53,6 +53,14 @@ class Run:
     refined: int = 0
     samples: int = 0
     frame_errors: list[float] = field(default_factory=list)
+
+    def add(self, report: Report, pixels: int, samples: int) -> None:
+        """Counts a gap. report: of its interpolation. pixels: of its keyframe. samples: pixels of all its frames."""
+        self.shaded += pixels + report.reshaded
+        self.reshaded += report.reshaded
+        self.filled += report.filled
+        self.refined += report.refined
+        self.samples += samples
 
     def seconds(self, crossing: str) -> float:
         """Adds up the CPU time of all three stages."""
@@ -144,6 +152,7 @@ def _once(
     warp: Mapping[str, Any],
     rehearsed: bool,
 ) -> Run:
+    """Simulates once; arguments as of `simulate`."""
     scene = world.scene
     camera = scene.camera("cam0")
     renderer = Renderer(scene, camera, **light)
@@ -181,13 +190,8 @@ def _once(
             run.render_s += (clock[1] - clock[0]) * share
             run.interpolate_s += (clock[2] - clock[1]) * share
         if k:
-            report = interpolator.report
-            run.shaded += camera.height * camera.width + report.reshaded
             run.remembered += remembered
-            run.reshaded += report.reshaded
-            run.filled += report.filled
-            run.refined += report.refined
-            run.samples += frames.size
+            run.add(interpolator.report, camera.height * camera.width, frames.size)
         sensors.process(frames, t, share * (k > skipped), interpolator.further)
         for i, at in enumerate(t.tolist()):
             if truth is not None and at in truth:

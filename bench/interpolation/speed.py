@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from bench import command
-from evis.media.colour import REC709
+from evis.media.colour import luminance_of
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.splat.splat import make_splat
@@ -71,10 +71,10 @@ class Disk:
         image = self.image(k)
         if self._channels == 3:
             image = np.repeat(image[..., None], 3, -1)
-        return KeyframeView(as_warp(image), as_warp(np.where(self._inside, 1.0, 2.0)), as_warp(motion))
+        return KeyframeView(on_cpu(image), on_cpu(np.where(self._inside, 1.0, 2.0)), on_cpu(motion))
 
 
-def as_warp(image: np.ndarray) -> wp.array:
+def on_cpu(image: np.ndarray) -> wp.array:
     """Puts an image into a Warp array [1, ...] float32 on the CPU."""
     return wp.array(np.ascontiguousarray(image[None], dtype=np.float32), device="cpu")
 
@@ -92,7 +92,7 @@ def drop_one(view: KeyframeView) -> KeyframeView:
     assert view.motion is not None
     motion = view.motion.numpy().copy()
     motion[0, HEIGHT // 2, WIDTH // 2] = np.nan
-    return KeyframeView(view.image, view.depth, as_warp(motion[0]))
+    return KeyframeView(view.image, view.depth, on_cpu(motion[0]))
 
 
 def splat_rows(repeats: int) -> list[dict[str, Any]]:
@@ -164,8 +164,8 @@ def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
     for k in range(gaps + 1):
         pose = prescribed_states(scene, np.array([k * GAP]))[0][None, 0]
         images = renderer.render(pose, pose if before is None else before, ("radiance", "depth", "motion"))
-        luminance = images["radiance"].astype(np.float32) @ np.array(REC709, np.float32)
-        views.append(KeyframeView(as_warp(luminance[0]), as_warp(images["depth"][0]), as_warp(images["motion"][0])))
+        luminance = luminance_of(images["radiance"])
+        views.append(KeyframeView(on_cpu(luminance[0]), on_cpu(images["depth"][0]), on_cpu(images["motion"][0])))
         before = pose
     method = make_splat(HEIGHT, WIDTH, 1, UPSAMPLING)
     out = np.empty((gaps, 1, UPSAMPLING, HEIGHT, WIDTH), np.float32)
@@ -218,9 +218,8 @@ def flicker_rows(gaps: int) -> list[dict[str, Any]]:
         for k in range(1, gaps + 3):
             t = np.array([(k - 1) * GAP, k * GAP])
             pose, twist = (a[None] for a in prescribed_states(pair[0], t))
-            image = renderer.render(pose[:, -1], None, ("radiance",), t_ns=k * GAP)["radiance"].astype(np.float32)
-            luminance = image[0] @ np.array(REC709, np.float32)
-            view = KeyframeView(as_warp(luminance), states=States(t, pose, twist), stamp_ns=k * GAP)
+            image = renderer.render(pose[:, -1], None, ("radiance",), t_ns=k * GAP)["radiance"]
+            view = KeyframeView(on_cpu(luminance_of(image[0])), states=States(t, pose, twist), stamp_ns=k * GAP)
             for n, method in enumerate(methods if last is not None else []):
                 assert last is not None
                 start = time.process_time()

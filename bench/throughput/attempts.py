@@ -27,9 +27,8 @@ LONG_S = 100_000.0
 class Limits:
     """Limits how long a measurement takes, and how often it runs.
 
-    row_s: longest time of a run [s]. until: time.monotonic() from which no run begins.
-
-    runs: of each case. windows, window_s: of each run.
+    row_s: longest time of a run [s]. until: time.monotonic() from which no run begins. runs: of each case. windows,
+    window_s: how many of each run are measured, and how long one is [s].
     """
 
     row_s: float

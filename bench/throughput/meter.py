@@ -6,7 +6,7 @@ import functools
 import statistics
 import time
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import warp as wp
 
@@ -24,6 +24,15 @@ COUNTED_GAPS = 2
 """Gaps in which the bytes and operations of kernels are counted."""
 MOST_RECORDED = 24
 """Gaps of which everything that the device does is recorded."""
+
+
+class Mark(NamedTuple):
+    """Marks where a window begins: at which gap, at which time of time.perf_counter() [s], 0 before the first one, and
+    how long the host had waited for the device by then [s]."""
+
+    gap: int
+    at: float
+    waited_s: float
 
 
 class PhysicsNode(physics.PhysicsNode):
@@ -57,7 +66,8 @@ class PhysicsNode(physics.PhysicsNode):
         self.waited_s = 0.0
         self.windows: list[dict[str, float]] = []
         self.recording: Recording | None = None
-        self._origin = self._mark = (0, 0.0, 0.0)
+        self._started_at = 0.0
+        self._mark = Mark(0, 0.0, 0.0)
         self._begun: tuple[int, dict[str, float]] = (0, {})
         if self.measured.is_cuda:
             core: Any = wp._src.context.runtime.core  # type: ignore[attr-defined]
@@ -86,12 +96,12 @@ class PhysicsNode(physics.PhysicsNode):
         """Ends a window that is over at the beginning of gap k; gives whether everything is measured."""
         now, p = time.perf_counter(), self.params
         if k == 0:
-            self._origin = (0, now, 0.0)
+            self._started_at = now
         if self.windows and len(self.windows) == p["windows"]:
             return not p["records"] or self._record(k, now)
-        if not self._mark[1]:
-            if k >= WARM_GAPS and now - self._origin[1] >= p["warm_s"]:
-                self._mark = (k, time.perf_counter(), self.waited_s)
+        if not self._mark.at:
+            if k >= WARM_GAPS and now - self._started_at >= p["warm_s"]:
+                self._mark = Mark(k, time.perf_counter(), self.waited_s)
                 self._begun = k, self._busy()
             return False
         first, began, waited = self._mark
@@ -103,15 +113,15 @@ class PhysicsNode(physics.PhysicsNode):
                 "host_ms": 1e3 * (now - began - self.waited_s + waited) / gaps,
             })  # fmt: skip
             self._say(k)
-            self._mark = (k, time.perf_counter(), self.waited_s)
+            self._mark = Mark(k, time.perf_counter(), self.waited_s)
         return False
 
     def _count(self, counting: Counting, k: int) -> bool:
         """Switches counting on for COUNTED_GAPS gaps or more, since gaps may come in batches; gives whether they are
         over."""
         if not counting.on and k >= WARM_GAPS:
-            counting.on, self._mark = True, (k, 0.0, 0.0)
-        over = counting.on and k - self._mark[0] >= COUNTED_GAPS
+            counting.on, self._mark = True, Mark(k, 0.0, 0.0)
+        over = counting.on and k - self._mark.gap >= COUNTED_GAPS
         if over:
             counting.on = False
             self.runtime.result(self, "meter", {"counted": counting.kernels})
@@ -138,7 +148,7 @@ class PhysicsNode(physics.PhysicsNode):
                 self._results["not_recorded"] = f"{type(error).__name__}: {error}"
                 return True
             wp.synchronize()
-            self._mark = (k, time.perf_counter(), 0.0)
+            self._mark = Mark(k, time.perf_counter(), 0.0)
             return False
         first, began, _ = self._mark
         if self.recording.over:

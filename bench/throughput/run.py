@@ -13,7 +13,9 @@ from evis.supervisor.supervisor import Supervisor
 METERED = "bench.throughput.meter:PhysicsNode"
 
 
-def run(scene: str, args: dict[str, Any], meter: dict[str, Any], duration_s: float, record: str | None) -> Any:
+def run(
+    scene: str, args: dict[str, Any], meter: dict[str, Any], duration_s: float, record: str | None
+) -> dict[str, Any]:
     """Runs a scene in one process, as `evis launch --compose --no-view` does, with a meter in it.
 
     Args:

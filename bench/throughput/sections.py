@@ -56,8 +56,8 @@ def defaults(m: Measurement) -> dict[str, Any]:
     seconds = DEFAULT_S[m.device == "cpu"]
     note = (
         f"Real-time factor of {seconds:g} simulated seconds after start-up; VP, from, to: as the audit has it, where "
+        f"there is none by default (on a GPU) as one of {AUDITED} pixels has it, in a run of its own."
     )
-    note += f"there is none by default (on a GPU) as one of {AUDITED} pixels has it, in a run of its own."
     return {"defaults": {"title": f"Defaults, {m.where}", "rows": rows, "note": note}}
 
 

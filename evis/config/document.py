@@ -137,6 +137,10 @@ _POWER_OF_TEN = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
 """Numbers in YAML 1.2 that YAML 1.1 takes for text unless they have both a point and a sign: 1e6, 1.0e6, 1e-3."""
 
 
+_AS_TEXT = {f"tag:yaml.org,2002:{kind}" for kind in ("timestamp", "value", "merge")}
+"""What YAML 1.1 takes for more than a text and nobody means here: 2026-01-31 and also 2026-31-01, = and <<."""
+
+
 class _Scalars(yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
     """What a plain word means in YAML 1.1, and numbers in YAML 1.2."""
 
@@ -145,12 +149,14 @@ class _Scalars(yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
         yaml.resolver.Resolver.__init__(self)
 
     def value(self, event: Any) -> Any:
-        """Returns a value of a plain type; a date in YAML 1.1 is just text here."""
+        """Returns a value of a plain type. Raises yaml.YAMLError and what PyYAML's conversions raise."""
         tag = event.tag
         if tag in (None, "!"):
             tag = self.resolve(yaml.ScalarNode, event.value, event.implicit)
             if event.implicit[0] and _POWER_OF_TEN.fullmatch(event.value):
                 return float(event.value)
+            if tag in _AS_TEXT:
+                return str(event.value)
         value = self.construct_object(yaml.ScalarNode(tag, event.value, event.start_mark, event.end_mark))
         self.constructed_objects.clear()
         return value if isinstance(value, (str, int, float, bool, type(None))) else str(event.value)

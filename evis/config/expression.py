@@ -13,6 +13,7 @@ import math
 import operator
 import os
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -100,7 +101,11 @@ def _parsed(text: str) -> ast.expr:
     if len(text) > MAX_LENGTH:
         raise ExpressionError(f"expression of {len(text)} characters, the limit is {MAX_LENGTH}")
     try:
-        tree = ast.parse(text.strip(), mode="eval")
+        with warnings.catch_warnings():
+            # Python's advice on how it is written, as for `1if a else 2`, is not for who writes a launch file.
+            warnings.simplefilter("ignore", SyntaxWarning)
+            warnings.simplefilter("ignore", DeprecationWarning)
+            tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"'{text}' is not an expression") from None
     _refuse_deep(tree, text)
@@ -266,10 +271,9 @@ def names_in(value: Any) -> set[str]:
         return set().union(*map(names_in, value))
     found: set[str] = set()
     for inside in _HOLE.findall(value) if isinstance(value, str) else ():
-        if len(inside) <= MAX_LENGTH and not _ENVIRONMENT.match(inside.strip()):
-            with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
-                tree = ast.parse(inside.strip(), mode="eval")
-                found |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        if not _ENVIRONMENT.match(inside.strip()):
+            with contextlib.suppress(ExpressionError):  # who evaluates it says what is wrong with it
+                found |= {node.id for node in ast.walk(_parsed(inside)) if isinstance(node, ast.Name)}
     return found
 
 

@@ -18,6 +18,9 @@ EACH = "each"
 """Of a node's parameters, beside those it declares: what environments have for themselves, a mapping for each of them.
 Only a graph that is held in Python has it (evis.simulation.each)."""
 
+MOST_SHOWN = 60
+"""Characters of a value that an error shows."""
+
 
 class ParamError(ValueError):
     """Says that a node does not have a parameter or cannot take its value. The text names the node, the key and the
@@ -63,7 +66,7 @@ class Param:
         if self.choices and value not in self.choices:
             hint = did_you_mean(str(value), map(str, self.choices))
             allowed = ", ".join(map(str, self.choices)) + (f", or a file {self.files[0]}" if self.files else "")
-            raise ParamError(f"{owner}: {key} is '{value}', must be one of {allowed}{hint}")
+            raise ParamError(f"{owner}: {key} is '{value!s:.{MOST_SHOWN}}', must be one of {allowed}{hint}")
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and value < self.minimum:
             raise ParamError(f"{owner}: {key} is {value}{unit}, the least is {in_full(self.minimum)}{unit}")
@@ -88,7 +91,8 @@ class Param:
             raise ParamError(f"{owner}: {key}: {error}") from None
 
     def _cast(self, owner: str, key: str, value: Any) -> Any:
-        wrong = ParamError(f"{owner}: {key} is {value!r}, must be {' or '.join([_NAMES[self.type], *self.words])}")
+        given = _WORDS.get(value) if value is None or isinstance(value, bool) else f"{value!r:.{MOST_SHOWN}}"
+        wrong = ParamError(f"{owner}: {key} is {given}, must be {' or '.join([_NAMES[self.type], *self.words])}")
         if self.type is bool:
             if isinstance(value, bool):
                 return value
@@ -107,9 +111,9 @@ class Param:
                 return list(value)
             raise wrong
         if self.type is str:
-            if isinstance(value, (dict, list)):
+            if value is None or isinstance(value, (dict, list)):
                 raise wrong
-            return str(value)
+            return _WORDS[value] if isinstance(value, bool) else str(value)
         try:
             if self.type is float:
                 return float(value)
@@ -124,6 +128,8 @@ class Param:
             raise wrong from None
 
 
+_WORDS = {True: "true", False: "false", None: "null"}
+"""Values as YAML has them, not as Python does."""
 _NAMES = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", list: "a list"}
 
 
@@ -152,7 +158,7 @@ def describe(param: Param) -> str:
 def limits(param: Param) -> str:
     """Describes the range in words, with the unit."""
     if param.minimum is None:
-        return param.unit
+        return f"at most {in_full(param.maximum)} {param.unit}".strip() if param.maximum is not None else param.unit
     upwards = f"to {in_full(param.maximum)}" if param.maximum is not None else "or more"
     return f"{in_full(param.minimum)} {upwards} {param.unit}".strip()
 

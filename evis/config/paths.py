@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from evis.config.suggestions import closest, did_you_mean, nearest
@@ -33,16 +34,19 @@ def names(kind: str) -> list[str]:
 
 
 def find(kind: str, name: str) -> Path | None:
-    """Finds the file of a launch file or scene by path or by name; None when there is none."""
+    """Finds the file of a launch file or scene by path or by name; None when there is none.
+
+    A name that is too long for the system is one that is not there, as by all of `os.path`.
+    """
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or "/" in name:
-        if path.is_file():
+        if os.path.isfile(path):
             return path
     try:
         path = data_folder(kind) / f"{name.removesuffix('.yaml')}.yaml"
     except FileNotFoundError:
         return None
-    return path if "/" not in name and path.is_file() else None
+    return path if "/" not in name and os.path.isfile(path) else None
 
 
 def _is_scene(path: Path) -> bool:
@@ -77,25 +81,25 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     name: a path or name of a launch file or of a scene, or an MJCF or URDF file (a scene goes with simulator.yaml and
     scene:=NAME). Raises UnknownLaunch naming the nearest one.
     """
-    if name.endswith(".xacro") and Path(name).is_file():
+    if name.endswith(".xacro") and os.path.isfile(name):
         raise UnknownLaunch(f"{name} has to be expanded first: `xacro {name} > robot.urdf`, and launch that")
-    is_model = name.endswith((".xml", ".urdf")) and Path(name).is_file()
+    is_model = name.endswith((".xml", ".urdf")) and os.path.isfile(name)
     path = None if is_model else find("launch", name)
     if path is not None and not _is_scene(path):
         return path, {}
     simulator = find("launch", "simulator")
     if simulator is not None and (is_model or path is not None or find("scenes", name) is not None):
         return simulator, {"scene": name}
-    if Path(name).is_file():
+    if os.path.isfile(name):
         play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
         raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
     what = other_than_file(name)
-    if what and not Path(name).is_dir():
+    if what and not os.path.isdir(name):
         raise UnknownLaunch(f"{name}: it is {what}, and must be a file")
     if beside := _beside(Path(name)):
         raise UnknownLaunch(f"{name}: no such file; did you mean '{beside}'?")
     known = sorted({*names("launch"), *names("scenes")})
-    if "/" in name or Path(name).suffix not in ("", ".yaml", ".yml") or Path(name).is_dir():
+    if "/" in name or Path(name).suffix not in ("", ".yaml", ".yml") or os.path.isdir(name):
         hint = "no such file" + did_you_mean(Path(name).stem, known)
-        raise UnknownLaunch(f"{name}: {'is a folder; name a file in it' if Path(name).is_dir() else hint}")
+        raise UnknownLaunch(f"{name}: {'is a folder; name a file in it' if os.path.isdir(name) else hint}")
     raise UnknownLaunch(f"no launch file or scene '{name}'; {nearest(Path(name).stem, known)}")

@@ -95,7 +95,7 @@ def fetch(given: str) -> str:
             raise SecretError(f"environment variable {name} is not set")
         secret = os.environ[name]
     else:
-        secret = _first_line(Path(name).expanduser())
+        secret = _first_line(name)
     if source and secret.startswith(_SOURCES):
         raise SecretError(f"what stands in {given} begins with env: or file: itself")
     if len(secret) < LEAST:
@@ -103,7 +103,8 @@ def fetch(given: str) -> str:
     return secret
 
 
-def _first_line(path: Path) -> str:
+def _first_line(name: str) -> str:
+    path = Path(os.path.expanduser(name))  # as it stands where there is no such user
     try:
         with open(path, encoding="utf-8") as file:
             line = file.readline(MOST + 1).rstrip("\r\n")

@@ -38,7 +38,8 @@ class Lens:
 
     @staticmethod
     def of(model: str, coefficients: Sequence[float]) -> Lens:
-        """Makes a lens. Raises ValueError for an unknown model or coefficients that do not belong to it."""
+        """Makes a lens. Raises ValueError for an unknown model, and for coefficients that do not belong to it or of
+        which comes no image."""
         if model not in MODELS:
             raise ValueError(f"there is no distortion model '{model}'; there are {', '.join(MODELS)}")
         given = tuple(float(c) for c in coefficients)
@@ -48,7 +49,10 @@ class Lens:
         if not all(math.isfinite(c) for c in given):
             raise ValueError(f"distortion coefficients {list(given)} must be finite")
         k = given + (0.0,) * (8 - len(given))
-        return Lens(model, k, _domain(model, k))
+        domain = _domain(model, k)
+        if not domain:
+            raise ValueError(f"distortion coefficients {list(given)} leave no image: it shrinks from the axis outwards")
+        return Lens(model, k, domain)
 
     def distort(self, points: np.ndarray) -> np.ndarray:
         """Computes the image plane (u, v), float64 [..., 2] in focal lengths, of points [..., 3] in the camera frame.

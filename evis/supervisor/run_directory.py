@@ -99,24 +99,28 @@ class RunDirectory:
     moment."""
 
     def __init__(self) -> None:
+        """Makes the directory. Raises OSError, and leaves nothing then, where there is no room for it or for the
+        process that watches it."""
         sweep()
         self.run_id = f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
         self.path = root() / self.run_id
-        with writing(self.path):
-            self.path.mkdir(mode=0o700)
-            # Locked before it has its name: another launcher sweeps what has a lock file that nobody holds.
-            unnamed = self.path / f"{LOCK}.new"
-            self._lock = open(unnamed, "w")
-            fcntl.flock(self._lock, fcntl.LOCK_EX)
-            unnamed.rename(self.path / LOCK)
-        program = Path(__file__).with_name("cleanup.py")
-        self._cleanup = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(program), str(self.path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        with contextlib.ExitStack() as undo:
+            with writing(self.path):
+                self.path.mkdir(mode=0o700)
+                undo.callback(shutil.rmtree, self.path, ignore_errors=True)
+                # Locked before it has its name: another launcher sweeps what has a lock file that nobody holds.
+                unnamed = self.path / f"{LOCK}.new"
+                self._lock = undo.enter_context(open(unnamed, "w"))
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
+                unnamed.rename(self.path / LOCK)
+            self._cleanup = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(Path(__file__).with_name("cleanup.py")), str(self.path)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            undo.pop_all()
 
     def close(self) -> None:
         """Removes the directory and ends the clean-up process."""

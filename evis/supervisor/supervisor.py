@@ -15,6 +15,7 @@ from evis.console.voice import Voice
 from evis.runtime.hosting.wiring import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.process.control import ControlServer, control_address
+from evis.supervisor import silence
 from evis.supervisor.child import Child
 from evis.supervisor.early import EarlyStart
 from evis.supervisor.failure_cause import cause_unheard, describe_failure, ended_by_force, first_cause, last_words
@@ -28,12 +29,6 @@ DRAIN_S = 5.0
 """Time that the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
 START_DRAIN_S = 1.0
 """DRAIN_S of a graph that has not begun, when there is nothing to lose yet [s]."""
-SILENCE_S = 8.0
-"""A process that sends no heartbeat for so long is frozen [s]; a thread of its own sends one every 0.5 s."""
-SUSPECT_S = 4.0
-"""SILENCE_S while a process reports a lost neighbour: the bus gives a frozen peer up 5 s after its last answer [s]."""
-STARTUP_SILENCE_S = 60.0
-"""SILENCE_S before a process's first heartbeat: imports come first [s]."""
 SETTLE_S = 0.4
 """Time to listen after a failure, so that the cause is named and not its consequences [s]."""
 CAUSE_S = 3.0
@@ -151,7 +146,7 @@ class Supervisor:
             self._end_in_order()
             self._logs.forward(self._children.values())
             self._tick(self._progress())
-        self._logs.forward(self._children.values())
+        self._logs.drain(self._children.values())
         if self._cause is None:
             self._name_cause()
 
@@ -227,10 +222,21 @@ class Supervisor:
             child.failure, child.spared = None, False
         else:
             child = None
-        if child is not None:
-            child.start()
+        if child is not None and self._start_again(child):
             for read in (name for topics in node.inputs.values() for name in topics):
                 self._start_dormant(read)
+
+    def _start_again(self, child: Child) -> bool:
+        """Starts a process while the graph runs. Where the system refuses, as it does where there are too many, that is
+        the failure of this process, and the others end in order; gives whether it was started."""
+        try:
+            child.start()
+        except OSError as error:
+            child.failure = (child.name, f"it cannot be started: {error.strerror or error}")
+            child.state = "failed"
+            self._on_failure(child)
+            return False
+        return True
 
     def _check_alive(self, child: Child) -> None:
         """Handles the death or silence of a process, and mentions one that is in a single call for long."""
@@ -251,29 +257,8 @@ class Supervisor:
             step = f"in one step of {child.where}" if child.where else "in one step"
             doing = step if child.state == "running" else "getting ready (kernels may be compiling)"
             self._say(f"{child.title}: {doing} for {BUSY_S:g} s now")
-        limit = SILENCE_S if child.stats or child.state != "starting" else STARTUP_SILENCE_S
-        if time.monotonic() - child.heard_at > limit:
-            self._end_frozen(child, limit)
+        if silence.end_if_frozen(child):
             self._on_failure(child)
-
-    def _end_frozen(self, child: Child, silent_s: float) -> None:
-        """Kills a process that gives no sign of life, which is then the failure."""
-        text = f"gave no sign of life for {silent_s:.0f} s (stopped, or stuck in native code)"
-        child.failure, child.state = (child.where or child.name, text), "failed"
-        child.signal(signal.SIGKILL)
-
-    def _suspect_frozen(self) -> None:
-        """Ends processes that a neighbour has missed: the cause is who is silent, not who says so before SILENCE_S is
-        over."""
-        for child in list(self._frozen()):
-            self._end_frozen(child, time.monotonic() - child.heard_at)
-
-    def _frozen(self) -> Iterator[Child]:
-        """Yields the processes that have been silent for so long that a neighbour may have given them up."""
-        now = time.monotonic()
-        for child in self._children.values():
-            if child.stats and not child.ended and child.alive() and now - child.heard_at > SUSPECT_S:
-                yield child
 
     def _on_failure(self, child: Child) -> None:
         """Starts a failed process again where it may, goes on without a service, or notes the failure."""
@@ -285,7 +270,7 @@ class Supervisor:
             if child.process is not None:
                 child.process.wait(10)
             child.failure = None
-            child.start()
+            self._start_again(child)
             return
         if child.service and self._running_since:
             child.spared = True
@@ -320,8 +305,9 @@ class Supervisor:
             self._signal_all(signal.SIGKILL)
 
     def _settle_s(self) -> float:
-        unheard = cause_unheard(self._failed()) and not self._interrupts.count and not any(self._frozen())
-        return CAUSE_S if unheard else SETTLE_S
+        """Gives how long to listen after a failure [s]."""
+        unheard = cause_unheard(self._failed()) and not self._interrupts.count
+        return CAUSE_S if unheard and not silence.suspects(self._children.values()) else SETTLE_S
 
     def _failed(self) -> list[Child]:
         return [child for child in self._children.values() if child.state == "failed" and not child.spared]
@@ -367,7 +353,7 @@ class Supervisor:
     def _name_cause(self) -> None:
         """Finds the cause of a failure, and shows the last words of its process."""
         if self._failed_at:
-            self._suspect_frozen()
+            silence.end_suspects(self._children.values())
         failed = self._failed()
         if not failed:
             return

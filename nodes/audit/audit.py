@@ -12,6 +12,7 @@ from evis.geometry import se3
 from evis.scene.model import Camera, Scene
 from msgs.header import Header
 from msgs.world import WorldState
+from nodes.audit.brightness import log_level
 from nodes.audit.brute_force.instants import Samples, Sampling, base_stamps, lamp_stamps, sample
 from nodes.audit.brute_force.motion import Motion
 from nodes.audit.brute_force.pixel_luminance import PixelLuminance
@@ -37,9 +38,9 @@ class AuditOptions:
 
     pixels: N, over all environments. seed: of environment 0. sensor: resolved parameters of the run's sensor, of which
     thresholds, dark level and crossing count. horizon_ns: how far ahead motion in closed form is looked at before
-    pixels are drawn. samples, light_samples, paths, device: those of the renderer. slots:
-    instants that are placed at once, None: as many as the scene makes room for. between: the run has samples of single
-    pixels between frames, so that the error of its frames alone is told too.
+    pixels are drawn. samples, light_samples, paths, device: those of the renderer. slots: instants that are placed at
+    once, None: as many as the scene makes room for. between: the run has samples of single pixels between frames, so
+    that the error of its frames alone is told too. sampling: how densely brute force looks.
     """
 
     pixels: int
@@ -80,7 +81,7 @@ class Audit:
         self._change = np.zeros((2, len(envs) * each))
         self._largest = np.zeros(len(envs) * each)
         self._instance = np.full(len(envs) * each, -1)
-        self._last = Samples(*(np.zeros(0, t) for t in (np.int64, np.int64, np.float32, np.int32)))
+        self._last = Samples.none()
         self._episodes: np.ndarray | None = None
         self._stamps: list[int] = []
         self._gaps: list[Gap] = []
@@ -174,7 +175,7 @@ class Audit:
         going = valid & ~begins & (np.isin(np.arange(len(valid)), self._last.pixel))
         last = int(self._gaps[-1].t[-1])
         run = [made.events(self._gaps, np.asarray(self._episodes, np.int32)) for made in self._made]
-        start = self._take(going, self._last)
+        start = self._last.only(going[self._last.pixel])
         if len(start.pixel):
             stamps = base_stamps(
                 np.array([int(start.t[0]), *[s for s in self._stamps if s > start.t[0]]]), self._options.sampling.base
@@ -186,16 +187,14 @@ class Audit:
             self._explain(start, found)
             for made, events in zip(self._made, run):
                 made.comparison.add(self._only(events, going), truth, min(made.sensor.stamp, last))
-            self._last = _last_of(found)
+            self._last = found.only(np.append(np.diff(found.pixel) != 0, True))
         if begins.any():
             which = np.flatnonzero(begins)
             at = np.full(len(which), last)
             first = Samples(which, at, *self._look(which, at))
             self._truth.begin(begins)
             self._truth.sense(which, at, first.luminance)
-            self._last = Samples(
-                *(np.concatenate(pair) for pair in zip(vars(self._last).values(), vars(first).values()))
-            ).ordered()
+            self._last = Samples.joined([self._last, first])
         self._gaps, self._stamps = [], self._stamps[-1:]
         self._motion.forget()
 
@@ -203,16 +202,11 @@ class Audit:
         kept = which[train[0]]
         return train[0][kept], train[1][kept], train[2][kept]
 
-    def _take(self, which: np.ndarray, samples: Samples) -> Samples:
-        kept = which[samples.pixel]
-        return Samples(samples.pixel[kept], samples.t[kept], samples.luminance[kept], samples.instance[kept])
-
     def _explain(self, start: Samples, found: Samples) -> None:
         """Notes how much of the change of a pixel happened while one thing was seen, and of what the most was seen."""
-        both = Samples(*(np.concatenate(p) for p in zip(vars(start).values(), vars(found).values()))).ordered()
-        level = np.log(np.fmax(both.luminance.astype(np.float64), 2.0**-24))
+        both = Samples.joined([start, found])
         same = np.diff(both.pixel) == 0
-        step = np.abs(np.diff(level)) * same
+        step = np.abs(np.diff(log_level(both.luminance))) * same
         other = np.diff(both.instance) != 0
         pixel = both.pixel[1:]
         np.add.at(self._change[0], pixel[~other], step[~other])
@@ -240,7 +234,7 @@ class Audit:
         for made in self._made:
             made.comparison.clear(ended)
         self._change[:, ended], self._largest[ended], self._instance[ended] = 0.0, 0.0, -1
-        self._last = self._take(~np.repeat(fresh, self.drawing.each), self._last)
+        self._last = self._last.only(~np.repeat(fresh, self.drawing.each)[self._last.pixel])
         self._motion.clear()
 
     def _present(self, which: np.ndarray) -> Units:
@@ -253,9 +247,3 @@ class Audit:
             env, x, y, d.chance[which], c.vp[which].copy(), c.unpaired[which].copy(), c.events[which].copy(),
             self._instance[which].copy(), own[which], alone.vp[which].copy(), alone.events[which].copy(),
         )  # fmt: skip
-
-
-def _last_of(samples: Samples) -> Samples:
-    """The last sample of each pixel."""
-    ends = np.append(np.diff(samples.pixel) != 0, True)
-    return Samples(*(a[ends] for a in (samples.pixel, samples.t, samples.luminance, samples.instance)))

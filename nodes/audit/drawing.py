@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.media.colour import REC709
+from evis.media.colour import luminance_of
 from evis.scene.model import Camera, Scene
 from nodes.audit.gather_kernels import gather
 from nodes.audit.pixels import Blocks, chances, draw, scan_times, scores_of
@@ -72,12 +72,14 @@ class Drawing:
             image = luminance.numpy() if isinstance(luminance, wp.array) else luminance
             taken = np.moveaxis(image[where[0], :, where[1], where[2]], 2, 1)
         if taken.ndim == 4:
-            red, green, blue = (np.float32(w) * taken[..., k].astype(np.float32) for k, w in enumerate(REC709))
-            taken = red + green + blue
+            taken = luminance_of(taken)
         return np.ascontiguousarray(taken, np.float32)
 
     def between(self, further: Further, height: int, width: int) -> Further:
-        """Gives further samples, in luminance, of the pixels alone, as of images [A, 1, n]."""
+        """Gives further samples, in luminance, of the pixels alone, as of images [A, 1, n].
+
+        further: of images [E, height, width], numpy or of a device.
+        """
         pixel = (self.envs[:, None] * height + self.pixels[..., 1]) * width + self.pixels[..., 0]
         first, offset, value = (a.numpy() if isinstance(a, wp.array) else a for a in vars(further).values())
         begins, ends = first[pixel.reshape(-1)].astype(np.int64), first[pixel.reshape(-1) + 1].astype(np.int64)
@@ -86,7 +88,7 @@ class Drawing:
         which = np.repeat(begins - starts[:-1], each) + np.arange(starts[-1])
         value = value[which]
         if value.ndim == 2:
-            value = value @ np.array(REC709, np.float32)
+            value = luminance_of(value)
         return Further(starts.astype(np.int32), offset[which], np.ascontiguousarray(value, np.float32))
 
     @property

@@ -24,6 +24,7 @@ from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
     from nodes.audit.audit import Audit
+    from nodes.event_sensor.input.further import Further
 
 SENSOR = ("model", "threshold", "threshold_on", "threshold_off", "dark_level", "crossing", "defocus_px")
 """Parameters of the run's sensor that an audit shares with it."""
@@ -166,30 +167,21 @@ class AuditNode(Node):
         """Takes the frames of a gap."""
         message, state = inputs[self._source], inputs["state"]
         assert isinstance(message, Keyframe | Frames | Samples) and isinstance(state, WorldState)
-        image: Any
-        further = None
-        if isinstance(message, Keyframe):
-            image, t, margin = message.image, np.array([message.header.stamp_ns]), message.margin
-            image = (
-                image[:, None]
-                if isinstance(image, np.ndarray)
-                else image.reshape((image.shape[0], 1, *image.shape[1:]))
-            )
-        else:
-            image, t, margin = (message.rgb if message.luminance is None else message.luminance), message.t, 0
-            if isinstance(message, Samples) and message.offset.size:
-                from nodes.event_sensor.input.further import Further
-
-                value = message.further_rgb if message.further is None else message.further
-                further = Further(message.first, message.offset, value)
-        header = message.header
         if message.own is not None:
             self._end(message.own)
             return
+        header = message.header
         if header.stamp_ns <= self._header.stamp_ns:
             self._audit.finish()  # time has gone back to begin an episode
         self._header = Header(header.stamp_ns, clock=header.clock, episode=header.episode)
-        if self._audit.push(image, t, message.episodes, state, margin, further):
+        if isinstance(message, Keyframe):
+            image: Any = message.image
+            frames = image.reshape((image.shape[0], 1, *image.shape[1:]))
+            given = (frames, np.array([header.stamp_ns]), message.episodes, state, message.margin)
+        else:
+            frames = message.rgb if message.luminance is None else message.luminance
+            given = (frames, message.t, message.episodes, state, 0)
+        if self._audit.push(*given, _further_of(message)):
             self._publish()
 
     def _end(self, own: np.ndarray) -> None:
@@ -233,6 +225,15 @@ class AuditNode(Node):
                 f"error {message.vp:.2f} ({message.vp_low:.2f} to {message.vp_high:.2f}) is above audit_limit "
                 f"{self.params['audit_limit']:g}: {cause}"
             )
+
+
+def _further_of(message: Keyframe | Frames | Samples) -> Further | None:
+    """The samples of single pixels between the frames, where the message has any."""
+    if not isinstance(message, Samples) or not message.offset.size:
+        return None
+    from nodes.event_sensor.input.further import Further
+
+    return Further(message.first, message.offset, message.further_rgb if message.further is None else message.further)
 
 
 def _source(params: Mapping[str, Any]) -> str:

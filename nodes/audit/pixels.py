@@ -11,6 +11,8 @@ from functools import cache
 
 import numpy as np
 
+from nodes.audit.brightness import log_level
+
 EVEN, EVEN_OF_MANY, MANY = 0.4, 0.7, 128
 """Share of the pixels that are drawn evenly over the image: of fewer than MANY, and of more, for which those that have
 events where none were expected are what makes the interval wide."""
@@ -82,8 +84,7 @@ def scores_of(luminance: np.ndarray, moving: np.ndarray, blocks: Blocks, thresho
     luminance: float [T, R C] of a pixel of each block. moving: bool [R C], whether it has shown a body that is moved
     by forces, whose way is not known. Neighbours count, for a pixel is not its block.
     """
-    level = np.log(np.fmax(luminance.astype(np.float64), 2.0**-24))
-    crossed = np.abs(np.diff(level, axis=0)).sum(0) / threshold
+    crossed = np.abs(np.diff(log_level(luminance), axis=0)).sum(0) / threshold
     crossed = np.maximum(np.where(crossed > 0.05, crossed, 0.0), 3.0 * moving).reshape(blocks.rows, blocks.columns)
     return np.sqrt(_smoothed(_smoothed(crossed)))
 

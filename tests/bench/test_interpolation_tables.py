@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bench.interpolation.auto import Fixed, Wish, ratios, wishes_of
 from bench.interpolation.pipeline import Run
 from bench.interpolation.tables import Row, by_method, failures
 from evis.events.measure.distance import EventStream
@@ -42,3 +43,25 @@ def test_every_method_has_a_line_with_its_runs_and_cases():
         "rigid": ("disk at 31.25x32", "shadow (2 %)"),
         "forward": ("no scene", "no hard case"),
     }
+
+
+FIXED = (Fixed("slow", 4.0, 0.1), Fixed("fast", 1.0, 0.4), Fixed("middle", 2.0, 0.2), Fixed("bad", 3.0, 0.8))
+
+
+def test_auto_is_asked_for_quarters_of_what_there_is():
+    """In order the times are 1, 2, 3, 4 and the errors 0.1, 0.2, 0.4, 0.8."""
+    assert [(wish.kind, wish.wanted) for wish in wishes_of(FIXED)] == [
+        ("rule", 0.0), ("time", 2.0), ("time", 3.0), ("time", 4.0), ("error", 0.2), ("error", 0.4)
+    ]  # fmt: skip
+
+
+def test_auto_beside_the_best_choice_at_its_time_at_that_wanted_and_at_its_error():
+    """Worked by hand: it took 2.5 s for an error of 0.3, in whose time `middle` had 0.2."""
+    own = Fixed("own", 2.5, 0.3)
+    beside = {"best fixed": "middle (0.2000, 2.00 s/s)", "error ratio": 1.5}
+    nothing = {"error ratio, wanted time": "", "time ratio": ""}
+    assert ratios(Wish("rule"), own, FIXED) == beside | nothing
+    assert ratios(Wish("time", 4.0), own, FIXED) == beside | nothing | {"error ratio, wanted time": 3.0}
+    assert ratios(Wish("time", 0.5), own, FIXED) == beside | nothing | {"error ratio, wanted time": 1.0}
+    assert ratios(Wish("error", 0.4), own, FIXED) == beside | nothing | {"time ratio": 2.5}
+    assert ratios(Wish("error", 0.1), own, FIXED) == beside | nothing | {"time ratio": 1.25}

@@ -12,7 +12,7 @@ import pytest
 from bus_workers import TOPIC, image, meet, publish, publisher_on, send_stream, subscriber_on, wait_for
 
 from evis.bus import BusError, PeerLost, wire
-from evis.supervisor.supervisor import SILENCE_S
+from evis.supervisor.silence import SILENCE_S
 from msgs.camera import Depth
 from msgs.header import Header
 

@@ -55,6 +55,12 @@ def test_a_file_beside_what_was_named_is_suggested(tmp_path: Path, evis_here: Ev
     assert result.code == 2 and result.line == f"evis launch: {part}"
 
 
+@pytest.mark.parametrize(("name", "said"), [("a" * 300, "no launch file or scene 'aaa"), ("a/" * 3000, "no such file")])
+def test_a_name_longer_than_any_is_one_that_is_not_there(evis_here: Evis, name: str, said: str) -> None:
+    result = evis_here("launch", name)
+    assert result.code == 2 and said in result.line and str(paths.data_folder("launch")) not in result.line
+
+
 def test_a_file_in_the_home_folder(tmp_path: Path, evis_here: Evis, monkeypatch: pytest.MonkeyPatch) -> None:
     """No shell replaces ~ behind `:=`."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evis.config.expression import ExpressionError, UnknownName, evaluate, substitute
+from evis.config.expression import ExpressionError, UnknownName, evaluate, names_in, substitute
 
 NAMES = {"a": 3, "b": 0.5, "s": "text", "l": ["x", "y"], "t": True, "n": None}
 
@@ -88,6 +88,13 @@ def test_everything_else_is_refused(text: str) -> None:
 def test_nesting_is_refused_long_before_python_runs_out_of_frames(text: str) -> None:
     with pytest.raises(ExpressionError, match="operators within each other"):
         evaluate(text, NAMES)
+
+
+@pytest.mark.parametrize(("text", "value"), [("1if t else 2", 1), (r"'\d'", r"\d"), ("[0 is null, 3]", [False, 3])])
+def test_pythons_advice_is_not_for_users(text: str, value: object, recwarn: pytest.WarningsRecorder) -> None:
+    """How an expression is written is nobody's concern while it is one: Python would print a line of its own."""
+    assert evaluate(text, NAMES) == value and names_in(f"${{{text}}}") <= {"t", "null"}
+    assert not recwarn.list
 
 
 def test_a_long_sum_is_none_the_worse_for_the_limit_of_nesting() -> None:

@@ -86,6 +86,12 @@ def test_plain_words_mean_what_they_meant() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("text", ["=", "<<", "2026-13-45", "2026-01-31 25:61:00", "0000-00-00"])
+def test_what_only_looks_like_something_else_is_text(text: str) -> None:
+    """Alone, in a list and in a map: a sign between two names, or the name of a recording."""
+    assert parse_value(f"a: {text}\nb: [{text}, '{text}']", "x") == {"a": text, "b": [text, text]}
+
+
 def test_powers_of_ten_are_numbers_as_in_yaml_1_2() -> None:
     """PyYAML takes them for text but for 1.0e+6; what is quoted or goes on stays text."""
     text = "{a: 1e6, b: 1.0e6, c: -1e-3, d: .5E2, e: +2.e1, q: '1e6', n: e6, m: 1e6 mm, x: !!str 1e6, l: [3e0]}"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evis.config.params import Param, ParamError, resolve
+from evis.config.params import Param, ParamError, limits, resolve
 
 DECLARED = {
     "threshold": Param(float, 0.2, "contrast threshold", minimum=0.01, maximum=5.0),
@@ -16,6 +16,7 @@ DECLARED = {
     "topics": Param(list, [], "globs"),
     "serial": Param(str, None, "device", optional=True),
     "rate": Param(float, 1.0, "frames per second", minimum=0.5, words=("auto",)),
+    "name": Param(str, "", "what it is called"),
 }
 
 
@@ -33,6 +34,9 @@ DECLARED = {
         ({}, "method", "splat"),
         ({"rate": "auto"}, "rate", "auto"),
         ({"rate": "2"}, "rate", 2.0),
+        ({"name": True}, "name", "true"),
+        ({"name": False}, "name", "false"),
+        ({"name": 1.5}, "name", "1.5"),
     ],
 )
 def test_taken(given_: dict, key: str, expected: object) -> None:
@@ -57,12 +61,31 @@ def test_taken(given_: dict, key: str, expected: object) -> None:
         ({"rate": "autos"}, ["rate", "must be a number or auto"]),
         ({"rate": 0.1}, ["rate", "the least is 0.5"]),
         ({"upsampling": "auto"}, ["upsampling", "must be a whole number"]),
+        ({"name": None}, ["name is null, must be a text"]),
+        ({"method": True}, ["method is 'true', must be one of"]),
+        ({"shadows": None}, ["shadows is null, must be true or false"]),
+        ({"threshold": True}, ["threshold is true, must be a number"]),
     ],
 )
 def test_refused(given_: dict, words: list[str]) -> None:
     with pytest.raises(ParamError) as error:
         resolve("sensor", DECLARED, given_)
     assert all(word in str(error.value) for word in words), str(error.value)
+
+
+@pytest.mark.parametrize("key", ["threshold", "upsampling", "method", "shadows"])
+def test_a_long_value_is_shown_in_part(key: str) -> None:
+    with pytest.raises(ParamError) as error:
+        resolve("sensor", DECLARED, {key: "x" * 5000})
+    assert f"{key} is 'xxx" in str(error.value) and len(str(error.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "text"),
+    [(None, None, "s"), (0.5, None, "0.5 or more s"), (0.5, 2, "0.5 to 2 s"), (None, 2, "at most 2 s")],
+)
+def test_a_range_is_described_at_both_its_ends(least: float | None, most: float | None, text: str) -> None:
+    assert limits(Param(float, 1.0, "how long", "s", least, most)) == text
 
 
 @given(st.sampled_from(sorted(DECLARED)), st.one_of(st.none(), st.text(), st.floats(), st.lists(st.integers())))

@@ -54,6 +54,13 @@ class Ticker(Node):
         return not self.params["count"] or self.k < self.params["count"]
 
 
+class Talkative(Ticker):
+    """A source that has much to say at its end."""
+
+    def close(self) -> None:
+        print("\n".join(f"{self.name}: register {k} is not as it was before" for k in range(20_000)), flush=True)
+
+
 class Late(Ticker):
     """A source that is set up a moment after it was told to end, before that is obeyed."""
 

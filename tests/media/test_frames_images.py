@@ -39,7 +39,7 @@ def write_exr(path, pixels, stamp=None, key=None, **more):
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **more}
     if stamp is not None:
-        header[key or "evis/stamp_ns"] = str(stamp)
+        header[key or "evis/stamp_ns"] = stamp if isinstance(stamp, float) else str(stamp)
     with OpenEXR.File(header, {"RGB" if pixels.ndim == 3 else "Y": np.ascontiguousarray(pixels)}) as file:
         file.write(str(path))
 
@@ -155,6 +155,14 @@ def test_order_and_times(tmp_path):
         assert source.about["files_left_out"] == 9 and source.count == 3
 
 
+def test_names_with_digits_that_are_no_numbers(tmp_path):
+    """A superscript is a digit to Unicode, and no number to Python."""
+    for i, name in enumerate(("1²2.png", "1²10.png", "2.png", "10.png")):
+        write_png(tmp_path / name, np.full((2, 2), i, np.uint8))
+    _, luminance = frames_of(tmp_path, tone="linear", white=255, fps=10)
+    assert luminance[:, 0, 0].round().astype(int).tolist() == [0, 1, 2, 3]
+
+
 def test_times_that_begin_with_a_byte_order_mark(tmp_path):
     """As editors of Windows save UTF-8."""
     for name in ("a.png", "b.png"):
@@ -239,6 +247,8 @@ def test_bad_exr(tmp_path):
     for stamp, text in (
         (1, "1 ns does not come after 1 ns of .*; --fps"),
         ("soon", "must be whole nanoseconds"),
+        (1.75, "attribute is 1.75, must be whole nanoseconds"),
+        (float("inf"), "attribute is inf, must be whole nanoseconds"),
     ):
         write_exr(tmp_path / "2.exr", image, stamp)
         with pytest.raises(FramesError, match=text):

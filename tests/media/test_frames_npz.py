@@ -55,6 +55,12 @@ def test_rgb_becomes_luminance_or_colour(tmp_path):
     assert about == (5, 4, 3, 3)
 
 
+def test_rgb_beyond_float32_is_infinite_without_a_word(tmp_path, recwarn):
+    """As luminance beyond it is, which the sensor counts."""
+    np.savez(tmp_path / "f.npz", rgb=np.full((2, 3, 3, 3), 1e300), t=np.arange(2))
+    assert np.isposinf(collect(tmp_path / "f.npz")[1]).all() and not recwarn.list
+
+
 def test_fps_takes_the_place_of_t(tmp_path):
     """30000/1001 frames per second without drift, t absent or not."""
     np.savez(tmp_path / "f.npz", luminance=np.ones((1000, 1, 1), np.float32))

@@ -14,7 +14,7 @@ from evis.media.frames.ends import BLACK, FULL, ends_of
 from evis.media.frames.open import open_frames
 from evis.media.frames.resize import Resize
 from evis.media.frames.selection import SelectedFrames, Selection
-from evis.media.frames.source import FrameOptions, FramesError
+from evis.media.frames.source import BLOCK_FRAMES, FrameOptions, FramesError
 
 RNG = np.random.default_rng(3)
 
@@ -52,6 +52,16 @@ def test_time_is_that_of_the_source_under_slow_motion(archive):
     chosen = Selection(start_ns=1_000_000_000, stop_ns=1_500_000_000, slow_motion=10.0)
     stamps, _ = frames_of(SelectedFrames(open_frames(path), chosen))
     np.testing.assert_allclose(stamps, t[100:150] / 10, atol=0.51)
+
+
+@pytest.mark.parametrize("place", [1, BLOCK_FRAMES])
+def test_frames_that_slow_motion_brings_to_one_time_are_refused(place, tmp_path):
+    """Within a block, and where one begins."""
+    t = np.arange(BLOCK_FRAMES + 5) * 8
+    t[place:] -= 7
+    np.savez(tmp_path / "f.npz", luminance=np.ones((len(t), 2, 3), np.float32), t=t)
+    with pytest.raises(FramesError, match="slow-motion 8 leaves frames less than 1 ns apart"):
+        frames_of(SelectedFrames(open_frames(tmp_path / "f.npz"), Selection(slow_motion=8.0)))
 
 
 def test_slopes_are_faster_in_slow_motion(tmp_path):

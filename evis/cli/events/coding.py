@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from evis.cli.events.repeats import Repeats
-from evis.media.frames.selection import end_counts
+from evis.media.frames.ends import end_counts
 from evis.media.frames.source import FrameBlock
 from evis.media.frames.tone import Tone
 

@@ -25,3 +25,8 @@ def ends_of(codes: np.ndarray, white: int | None = None) -> np.ndarray:
         flags = flags[..., 0] | flags[..., 1] | flags[..., 2]
     flags ^= BLACK  # until here that bit says that a pixel is lit
     return flags
+
+
+def end_counts(ends: np.ndarray) -> tuple[int, int, int]:
+    """Counts the pixels of flags uint8 [...] of `ends_of`: all, black ones, those at full scale."""
+    return ends.size, int(np.count_nonzero(ends & BLACK)), int(np.count_nonzero(ends & FULL))

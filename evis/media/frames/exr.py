@@ -63,6 +63,9 @@ def _stamp(path: Path, header: dict[str, Any]) -> int | None:
     if value is None:
         return None
     try:
-        return int(value)
-    except (TypeError, ValueError):
-        raise FramesError(f"{path}: its time attribute is {value!r}, must be whole nanoseconds") from None
+        stamp = int(value)
+        if isinstance(value, str) or stamp == value:
+            return stamp
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise FramesError(f"{path}: its time attribute is {value!r}, must be whole nanoseconds")

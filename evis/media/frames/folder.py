@@ -58,7 +58,7 @@ class FolderFrames(ImageSource):
 
 def _natural(name: str) -> list[tuple[int, str]]:
     """f2 comes before f10."""
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"([0-9]+)", name)]
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"([0-9]+)", name)]
 
 
 def _listed(folder: Path, there: set[str]) -> list[tuple[str, int | None]] | None:

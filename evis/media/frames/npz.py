@@ -103,11 +103,11 @@ class NpzFrames(FrameSource):
                     t = np.array([self._options.stamp(i) for i in range(first, last)], np.int64)
                 else:
                     t = self._t[first:last]
-                image = self._image.read(last - first)
+                image = _float32(self._image.read(last - first))
                 if self._to_luminance:
                     image = luminance_of(image)
                 slopes = None if self._slopes is None else _float32(self._slopes.read(last - first))
-                block = FrameBlock(t, _float32(image), slopes)
+                block = FrameBlock(t, image, slopes)
             yield block
 
     def close(self) -> None:

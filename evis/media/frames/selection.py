@@ -9,7 +9,6 @@ from fractions import Fraction
 
 import numpy as np
 
-from evis.media.frames.ends import BLACK, FULL
 from evis.media.frames.resize import Resize
 from evis.media.frames.source import FrameBlock, FramesError, FrameSource
 
@@ -85,22 +84,26 @@ class SelectedFrames(FrameSource):
         """Yields the frames of the part. Raises FramesError where no frame is in it."""
         chosen, slow = self._selection, Fraction(self._selection.slow_motion)
         first: int | None = None
-        taken = 0
+        last: int | None = None
         for block in self._source.blocks():
             first = int(block.t[0]) if first is None else first
             t = block.t - first
             low = np.searchsorted(t, chosen.start_ns)
             high = len(t) if chosen.stop_ns is None else np.searchsorted(t, chosen.stop_ns)
             if high > low:
-                taken += int(high - low)
-                yield self._selected(block, slice(low, high), slow)
+                selected = self._selected(block, slice(low, high), slow)
+                if (np.diff(selected.t) <= 0).any() or (last is not None and selected.t[0] <= last):
+                    raise FramesError(f"slow-motion {float(slow):g} leaves frames less than 1 ns apart")
+                last = int(selected.t[-1])
+                yield selected
             if high < len(t):
                 break
-        if not taken and first is not None:
+        if last is None and first is not None:
             end = "" if chosen.stop_ns is None else f" to {chosen.stop_ns / 1e9:g}"
             raise FramesError(f"from {chosen.start_ns / 1e9:g}{end} s: the source has no frame then")
 
     def _selected(self, block: FrameBlock, when: slice, slow: Fraction) -> FrameBlock:
+        """Makes the frames `when` of a block: cut, resized, at the times of the scene."""
         t, image, slopes, ends = (None if a is None else a[when] for a in block)
         assert t is not None and image is not None
         image = image[self._part]
@@ -110,8 +113,6 @@ class SelectedFrames(FrameSource):
             slopes = np.ascontiguousarray(slopes[self._part] * np.float32(slow))
         if slow != 1:
             t = np.array([round(int(stamp) / slow) for stamp in t], np.int64)
-            if (np.diff(t) <= 0).any():
-                raise FramesError(f"slow-motion {float(slow):g} leaves frames less than 1 ns apart")
         return FrameBlock(t, np.ascontiguousarray(image), slopes, None if ends is None else ends[self._part])
 
     def close(self) -> None:
@@ -122,16 +123,6 @@ class SelectedFrames(FrameSource):
 def _size(selection: Selection, width: int, height: int) -> tuple[int, int]:
     """Gives width and height of the frames that are made of a picture of width x height."""
     w, h = selection.width, selection.height
-    if w is None and h is None:
-        return width, height
-    if h is None and w is not None:
-        return w, max(1, round(height * w / width))
-    if w is None and h is not None:
-        return max(1, round(width * h / height)), h
-    assert w is not None and h is not None
-    return w, h
-
-
-def end_counts(ends: np.ndarray) -> tuple[int, int, int]:
-    """Counts the pixels of flags: all, black ones, those at full scale."""
-    return ends.size, int(np.count_nonzero(ends & BLACK)), int(np.count_nonzero(ends & FULL))
+    if w is None:
+        return (width, height) if h is None else (max(1, round(width * h / height)), h)
+    return w, max(1, round(height * w / width)) if h is None else h

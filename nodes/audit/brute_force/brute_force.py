@@ -21,7 +21,6 @@ from nodes.renderer.shadows.occlusion import Occluders
 if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions
 
-
 LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 512, 1 << 14
 """Instants that are worked on at once, and things that are placed for all of them together, if nobody says."""
 
@@ -98,9 +97,8 @@ class BruteForce:
         """Computes luminance float32 [Q] of pixels at instants, and the instance int32 [Q] that each shows, -1 for
         none.
 
-        moved: poses of the movers float64 [T, M, 7] and t_ns: int64 [T], of the instants, slots at most, after
-        `rest`. slot, group, pixel:
-        int64 [Q], which instant and which pixel is asked for.
+        moved: poses of the movers float64 [T, M, 7], of the T instants, `slots` at most; `rest` was told the others.
+        t_ns: int64 [T], when they are. slot, group, pixel: int64 [Q], which instant and which pixel is asked for.
         """
         if not len(slot):
             return np.zeros(0, np.float32), np.zeros(0, np.int32)

@@ -9,13 +9,14 @@ does is known: it is looked at before and after each switch, and where a sine is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
 from evis.scene.model import Waveform
+from nodes.audit.brightness import log_level
 
 BASE = 500.0
 """Least looks at a pixel [Hz]."""
@@ -61,12 +62,28 @@ class Samples:
     luminance: np.ndarray
     instance: np.ndarray
 
+    @staticmethod
+    def none() -> Samples:
+        """Makes an empty set of samples."""
+        return Samples(*(np.zeros(0, kind) for kind in (np.int64, np.int64, np.float32, np.int32)))
+
+    @staticmethod
+    def joined(parts: Sequence[Samples]) -> Samples:
+        """Joins several sets into one that is sorted by pixel, then by time."""
+        return Samples(
+            *(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts)))
+        ).ordered()
+
+    def only(self, chosen: np.ndarray) -> Samples:
+        """Picks samples: bool [S], or their places int64 [n]."""
+        return Samples(*(values[chosen] for values in vars(self).values()))
+
     def ordered(self) -> Samples:
         """Returns the samples sorted by pixel, then by time."""
         # What comes in a few ascending runs is sorted in little time.
         first = int(self.t.min(initial=0))
         order = np.argsort(self.pixel * (int(self.t.max(initial=0)) - first + 1) + (self.t - first), kind="stable")
-        return Samples(*(a[order] for a in (self.pixel, self.t, self.luminance, self.instance)))
+        return self.only(order)
 
 
 def base_stamps(stamps: np.ndarray, rate: float) -> np.ndarray:
@@ -101,33 +118,32 @@ def sample(look: Look, start: Samples, stamps: np.ndarray, how: Sampling, thresh
     Gives all looks after `start`, by pixel and time.
     """
     count, length = len(start.pixel), len(stamps)
-    at = Samples(np.repeat(start.pixel, length), np.tile(stamps, count), *_nothing(0))
-    at.luminance, at.instance = look(at.pixel, at.t)
+    pixel, t = np.repeat(start.pixel, length), np.tile(stamps, count)
+    at = Samples(pixel, t, *look(pixel, t))
     rows = [
         np.concatenate([np.asarray(s)[:, None], values.reshape(count, length)], 1)
         for s, values in ((start.t, at.t), (start.luminance, at.luminance), (start.instance, at.instance))
     ]
-    levels = _log(rows[1])
+    levels = log_level(rows[1])
     found = [at]
     part = _Intervals(
-        np.repeat(start.pixel, length),
+        pixel,
         *(v.reshape(-1) for row in (rows[0], levels, rows[2]) for v in (row[:, :-1], row[:, 1:])),
     )
-    part = part.only((np.abs(part.l_b - part.l_a) > how.change * threshold) | (part.i_a != part.i_b))
+    part = part.changing(how.change * threshold)
     parts = FIRST_PARTS
     while len(part := part.only(part.t_b - part.t_a > how.finest)):
         inner = part.inner(parts)
         pixel = np.repeat(part.pixel, parts - 1)
         light, instance = look(pixel, inner.reshape(-1))
         found.append(Samples(pixel, inner.reshape(-1), light, instance))
-        level = _log(light).reshape(inner.shape)
+        level = log_level(light).reshape(inner.shape)
         line = part.l_a[:, None] + (part.l_b - part.l_a)[:, None] * np.arange(1, parts) / parts
         bent = (np.abs(level - line) > how.bend * threshold).any(1)
         part = part.parts(inner, level, instance.reshape(inner.shape)).only(np.repeat(bent, parts))
-        part = part.only((np.abs(part.l_b - part.l_a) > how.change * threshold) | (part.i_a != part.i_b))
+        part = part.changing(how.change * threshold)
         parts = PARTS
-    names = ("pixel", "t", "luminance", "instance")
-    return Samples(*(np.concatenate([getattr(f, name) for f in found]) for name in names)).ordered()
+    return Samples.joined(found)
 
 
 @dataclass
@@ -149,6 +165,10 @@ class _Intervals:
         """Picks those that are chosen, bool [Q]."""
         return _Intervals(*(values[chosen] for values in vars(self).values()))
 
+    def changing(self, least: float) -> _Intervals:
+        """Picks those over which ln I changes by more than `least`, or at whose ends different things are seen."""
+        return self.only((np.abs(self.l_b - self.l_a) > least) | (self.i_a != self.i_b))
+
     def inner(self, parts: int) -> np.ndarray:
         """Computes times int64 [Q, P - 1] that cut them into P equal parts."""
         return self.t_a[:, None] + (self.t_b - self.t_a)[:, None] * np.arange(1, parts) // parts
@@ -160,12 +180,3 @@ class _Intervals:
             row = np.concatenate([a[:, None], middle, b[:, None]], 1)
             ends += [row[:, :-1].reshape(-1), row[:, 1:].reshape(-1)]
         return _Intervals(*ends)
-
-
-def _log(luminance: np.ndarray) -> np.ndarray:
-    """ln I in float64, of dark or senseless light that of the sensor's floor."""
-    return np.log(np.fmax(luminance.astype(np.float64), 2.0**-24))
-
-
-def _nothing(count: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.zeros(count, np.float32), np.zeros(count, np.int32)

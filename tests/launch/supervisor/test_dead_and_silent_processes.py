@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from running_chain import Launch, Write, nothing_left, running
 
-from evis.runtime.plan import Plan
+from evis.runtime.plan import NodePlan, Plan
 from evis.supervisor.child import Child
 from evis.supervisor.supervisor import CAUSE_S, Supervisor
 
@@ -196,6 +198,33 @@ def test_a_source_is_started_again_when_it_may(write: Write, launch: Launch, tmp
     launcher.process.send_signal(signal.SIGINT)
     code, _, err = launcher.end()
     assert code == 0 and "lonely was ended by SIGKILL" in err and "started again (1 of 5)" in err
+
+
+@pytest.mark.parametrize("service", [False, True])
+def test_a_process_that_cannot_be_started_again_ends_nothing_by_force(
+    service: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The others end in order, or go on without it where nothing depends on it; a recorder closes its file."""
+
+    def refused(*_: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    said: list[str] = []
+    supervisor = Supervisor(Plan("test", "run", str(tmp_path)), say=said.append)
+    supervisor._running_since = time.monotonic()
+    plan = NodePlan("camera", "", {}, "camera", respawn=True)
+    camera = Child("camera", [plan], tmp_path, service=service, state="failed", failure=("camera", "it is unplugged"))
+    supervisor._children["camera"] = camera
+    monkeypatch.setattr("evis.supervisor.child.start_process", refused)
+    supervisor._on_failure(camera)
+    assert camera.state == "failed" and camera.failure is not None and camera.spared == service
+    assert said[0] == "camera: it is unplugged; started again (1 of 5)" and "(5 of 5)" in said[4]
+    told = "camera: it cannot be started: Resource temporarily unavailable"
+    if service:
+        assert said[5:] == [f"{told}; the graph goes on without it"] and not supervisor._failed_at
+    else:
+        supervisor._name_cause()
+        assert said[5:] == [] and supervisor._cause == told
 
 
 def test_a_process_that_starts_again_has_said_nothing_yet(tmp_path: Path) -> None:

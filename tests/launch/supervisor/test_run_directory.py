@@ -48,6 +48,19 @@ def test_a_runtime_directory_without_room_is_named(runtime: Path, where: str, mo
     line = one_line(caught.value)
     assert line.startswith(f"{runtime}/evis/") and "No space left on device; make room there" in line
     assert "XDG_RUNTIME_DIR" in line
+    assert not list((runtime / "evis").iterdir()), "nothing is left of it"
+
+
+def test_nothing_is_left_where_no_process_can_be_started(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The directory and its lock are there by then, and nobody watches over them yet."""
+
+    def full(*_: object, **__: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr(subprocess, "Popen", full)
+    with pytest.raises(BlockingIOError):
+        RunDirectory()
+    assert not list((runtime / "evis").iterdir())
 
 
 def test_the_newest_run_is_first(runtime: Path) -> None:

@@ -190,6 +190,8 @@ def test_a_secret_from_the_environment_or_a_file(monkeypatch: pytest.MonkeyPatch
         param.convert("n", "token", "env:NO_TOKEN")
     with pytest.raises(ParamError, match=r"n: token: .*nothing: No such file"):
         param.convert("n", "token", f"file:{tmp_path / 'nothing'}")
+    with pytest.raises(ParamError, match=r"n: token: ~nobody-of-that-name/token: No such file"):
+        param.convert("n", "token", "file:~nobody-of-that-name/token")
     (tmp_path / "junk").write_bytes(b"\xff\xfe" * 100)
     with pytest.raises(ParamError, match="not UTF-8"):
         param.convert("n", "token", f"file:{tmp_path / 'junk'}")

@@ -91,6 +91,9 @@ def test_wrong_models_and_coefficients_are_refused():
         ("fisheye", (), "no distortion model 'fisheye'"),
         ("plumb_bob", (1, 2, 3), "takes 4 or 5 or 8 coefficients, there are 3"),
         ("equidistant", (0, 0, np.nan, 0), "must be finite"),
+        # x (1 + k1 x^2) grows up to x = (-3 k1)^(-1/2), here 2e-5: no pixel has a direction.
+        ("plumb_bob", (-1e9, 0, 0, 0), "leave no image"),
+        ("equidistant", (-1e9, 0, 0, 0), "leave no image"),
     ):
         with pytest.raises(ValueError, match=f"camera 'cam0'.*{text}"):
             view = Camera("cam0", 8, 8, K, 1e-3, model, coefficients)
