@@ -16,6 +16,10 @@ QUICK = wp.constant(0.25)
 SWEPT = wp.constant(14.0)
 """Instants within which what passes the near plane is shown too seldom, if it goes by its own size in them: as it comes
 near, all of it sweeps over every pixel."""
+NARROW = wp.constant(1.0)
+"""Width [px] of a thing along its way below which it may be on no pixel of an image that it is in."""
+NARROW_NOT = wp.constant(wp.float64(wp.inf))
+"""Width of what does not move in the image."""
 PASSES = wp.constant(1)
 TOO_FAST = wp.constant(2)
 
@@ -52,6 +56,43 @@ def image_reach(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.floa
     return way
 
 
+@wp.struct
+class NarrowWay:
+    """Holds how narrow a box is along its way from one instant to the next, for how many instants it is on a pixel, and
+    how many pixels it goes over."""
+
+    width: wp.float64
+    stay: wp.float64
+    pixels: wp.float64
+
+
+@wp.func
+def narrow_way(
+    centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, last_centre: wp.vec3d, sides: wp.vec4d, scale: wp.float64
+):
+    """Measures the way of a box through the image between two instants. scale: pixels of a slope of 1."""
+    zero = wp.float64(0.0)
+    way = NarrowWay()
+    step = wp.vec2d(
+        scale * (centre[0] / centre[2] - last_centre[0] / last_centre[2]),
+        scale * (centre[1] / centre[2] - last_centre[1] / last_centre[2]),
+    )
+    gone = wp.length(step)
+    way.width = NARROW_NOT
+    if gone > zero:
+        along = step / gone
+        # Of a side of the box what counts is how far it reaches in the image, where it is ahead.
+        slope = wp.vec2d(centre[0] / centre[2], centre[1] / centre[2])
+        forward = wp.vec3d(along[0], along[1], -(along[0] * slope[0] + along[1] * slope[1]))
+        across = wp.vec3d(-along[1], along[0], along[1] * slope[0] - along[0] * slope[1])
+        size = wp.float64(2.0) * scale / centre[2]
+        way.width = size * reach(forward, wp.vec3d(), axes, half)
+        way.stay = way.width / gone
+        image = scale * wp.max(sides[1] - sides[0], sides[3] - sides[2])
+        way.pixels = gone * wp.min(size * reach(across, wp.vec3d(), axes, half), image)
+    return way
+
+
 @wp.kernel
 def find_appearances(
     # in
@@ -60,19 +101,24 @@ def find_appearances(
     near: wp.float64,
     sides: wp.vec4d,
     deep: wp.float64,
+    scale: wp.float64,
+    spacing: wp.float64,
     eye: wp.array(dtype=wp.transformd),
     poses: wp.array3d(dtype=wp.transformd),
     # out
     shortest: wp.array(dtype=int),
     passing: wp.array(dtype=int),
+    missed: wp.array2d(dtype=wp.float64),
 ):
     """Finds the shortest visit of a box to the image, in instants: one that begins and ends within the gap, and in
     which it comes further in than `deep`; 0 for one that does so between two instants alone. passing [E]: PASSES where
     one is on both sides of the near plane for a while, which hides part of it from one instant to the next, TOO_FAST
-    where that is within too few of them; else 0.
+    where that is within too few of them; else 0. missed [E, levels]: pixels that NARROW boxes go over unseen, on the
+    average, with z-buffers `spacing` instants apart, half as far, and so on.
 
     camera: its place among what moves, -1 where it stands at eye [E]. sides: least and greatest x / z, then y / z, of
-    the image; deep: in these. poses [n, E, M]: at the instants of a gap, one after the other.
+    the image; deep: in these. scale: pixels of a slope of 1. poses [n, E, M]: at the instants of a gap, one after the
+    other.
     """
     env, j = wp.tid()
     half = boxes.half[j]
@@ -110,6 +156,14 @@ def find_appearances(
         if n > 0:
             gone = wp.length(centre - last_centre) + wp.length((axes - last_axes) * half)
         shows = way.inside >= zero or last.inside >= zero
+        if gone > zero and way.inside >= zero and last.inside >= zero and wp.min(centre[2], last_centre[2]) > near:
+            narrow = narrow_way(centre, axes, half, last_centre, sides, scale)
+            if narrow.width < wp.float64(NARROW):
+                apart = spacing
+                for level in range(missed.shape[1]):
+                    part = wp.max(wp.float64(1.0) - narrow.stay / apart, zero)
+                    missed[env, level] = missed[env, level] + part * narrow.pixels
+                    apart = apart / wp.float64(2.0)
         if shows and gone * wp.float64(poses.shape[0]) > wp.float64(QUICK) * wp.length(half):
             cuts = -reach(wp.vec3d(zero, zero, -wp.float64(1.0)), centre, axes, half) < near
             if cuts or ((way.beyond ^ last.beyond) & 1) == 1:

@@ -55,10 +55,10 @@ class ProbeForecast:
     """Holds what is known of a gap's z-buffers before any is drawn.
 
     least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
-    it is found how many are needed. wanted [E]: how many brief appearances and curved motion need. visits, passing bool
-    [E]: whether something is in the image between two frames alone, and whether something passes the near plane; swept
-    bool [E]: so fast that instants show too little of it. pairs: poses of all bodies then and a short time before,
-    float64 [n E, N, 7], of the frames and, where it is found there, between them.
+    it is found how many are needed. wanted [E]: how many brief appearances, narrow things and curved motion need.
+    visits, passing bool [E]: whether something is in the image between two frames alone, and whether something passes
+    the near plane; swept bool [E]: so fast that instants show too little of it. pairs: poses of all bodies then and a
+    short time before, float64 [n E, N, 7], of the frames and, where it is found there, between them.
     """
 
     least: int
@@ -137,9 +137,9 @@ class Probes:
         # what is in them needs.
         off = partial(self._curved_motion.needed, instants, poses, shortest, least, most)
         later = None if beside is None else beside.submit(off)
-        appearances, passing = self._appearances.needed(instants, poses, least)
+        appearances, passing, narrow = self._appearances.needed(instants, poses, least, MISSED)
         curved = off() if later is None else later.result()
-        wanted = np.maximum(appearances, curved)
+        wanted = np.maximum(np.maximum(appearances, curved), narrow)
         begun = np.where(held, least, np.minimum(wanted, most))
         # Coarse frames tell, but for what is in the image between them alone, or is faster there than at them.
         looked_at = coarse * np.where(begun > least, begun, 1)

@@ -25,11 +25,12 @@ def strip(width_px):
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
 
 
-def passing(width_px, speed_px, background=None, along_px=0.0):
+def passing(width_px, speed_px, background=None, along_px=0.0, beside_px=0.0):
     """A strip that goes so many pixels per gap across and along itself, and is in the middle of the image at half of
-    it."""
+    it, or beside it."""
     speed = np.array([speed_px, along_px, 0.0]) * DEPTH / FOCAL / (GAP * 1e-9)
     x, y, _ = -speed * (START + GAP / 2) * 1e-9
+    x += beside_px * DEPTH / FOCAL
     flight = Prescribed(pose(x, y, DEPTH), [Linear(speed)])
     wall = (quad(8.0), background or plain(0.2), Prescribed(pose(z=3.0)))
     return world([wall, (strip(width_px), plain(0.9), flight)])
@@ -64,6 +65,15 @@ def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
     """A strip at a speed [px per gap] is on a pixel for width / speed of it: so many times in a gap is looked at least,
     rounded up to a power of two."""
     assert drawn(gap_of(passing(width, speed))) == [wanted]
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.25, 0.5, 0.75])
+def test_as_many_as_what_is_on_no_pixel_is_wide(beside):
+    """A strip of 0.3 px that goes 20 px per gap is as far beside a pixel in each of the first z-buffers: whether it is
+    on one there says nothing. It is on each of them for a 67th of the gap, and so may pass a fifth of the image."""
+    found = gap_of(passing(0.3, 20, beside_px=beside))
+    assert drawn(found)[0] in (64, 128)
+    assert found.further is not None and found.further.offset.size > 1000
 
 
 def slit(width_px):
