@@ -185,7 +185,7 @@ class AuditNode(Node):
             self._publish()
 
     def _end(self, own: np.ndarray) -> None:
-        """Environments that were reset by themselves have times of their own, which brute force does not follow."""
+        """Ends the audit: environments reset in mid-run have times of their own, which brute force does not follow."""
         if not self._ended:
             self.finish()
             self._ended = True
@@ -242,6 +242,8 @@ def _source(params: Mapping[str, Any]) -> str:
 
 
 def _who_is_reset(own: np.ndarray) -> str:
-    """Says whether environments are reset by themselves or all at once. own: rows of `msgs.own_time`."""
-    together = bool((own[:, ORIGIN] == own[0, ORIGIN]).all()) and len(own) > 1
-    return "all environments are reset at once, by their numbers" if together else "an environment is reset by itself"
+    """Says which environments are reset while the clock goes on. own: rows of `msgs.own_time`."""
+    if len(own) == 1:
+        return "the environment is reset while the run goes on"
+    together = bool((own[:, ORIGIN] == own[0, ORIGIN]).all())
+    return "all environments are reset while the run goes on" if together else "an environment is reset by itself"

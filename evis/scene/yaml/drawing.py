@@ -47,6 +47,15 @@ def is_draw(value: Any) -> bool:
     return isinstance(value, Table) and any(key in value for key in KINDS)
 
 
+def how_to_draw(value: Any) -> str:
+    """Says how a draw is written, to stand behind an error about a map in a value's place; nothing for other values.
+
+    Recipes of data sets draw by `choices`, which here is `choose`: who mixes them up is not to look for it.
+    """
+    law = "; a draw is {from: a, to: b}, {choose: [a, b]} or {normal: {mean: m, sigma: s}}"
+    return law if isinstance(value, Table) else ""
+
+
 def has_draws(value: Any) -> bool:
     """Tells whether a list holds draws, at any depth, and no other maps."""
     return isinstance(value, Row) and any(map(is_draw, _leaves(value))) and not any(map(_is_map, _leaves(value)))

@@ -14,7 +14,7 @@ from evis.config.suggestions import nearest
 from evis.geometry import se3
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
-from evis.scene.yaml.drawing import draw, has_draws, is_draw, places_of, split_unit
+from evis.scene.yaml.drawing import draw, has_draws, how_to_draw, is_draw, places_of, split_unit
 
 _REQUIRED: Any = object()
 FARTHEST = 1e9
@@ -140,7 +140,7 @@ class Fields:
         except (TypeError, ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            raise self.error(key, f"is {value!r}; it must be a finite number")
+            raise self.error(key, f"is {value!r}; it must be a finite number{how_to_draw(value)}")
         if minimum is not None and number < minimum:
             raise self.error(key, f"is {number:g}; the least is {minimum:g}")
         if above is not None and number <= above:
@@ -188,7 +188,7 @@ class Fields:
         if isinstance(value, str):
             value = value.split(",")
         if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != length:
-            raise self.error(key, f"is {value!r}; it must be a list of {length} numbers")
+            raise self.error(key, f"is {value!r}; it must be a list of {length} numbers{how_to_draw(value)}")
         return np.array([self.number_of(key, v, above=above, maximum=maximum) for v in value])
 
     def place(self, key: str) -> np.ndarray:
@@ -221,7 +221,7 @@ class Fields:
         """Reads a text, one of `choices` where given."""
         value = self.raw(key, default)
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise self.error(key, f"is {value!r}; it must be a text")
+            raise self.error(key, f"is {value!r}; it must be a text{how_to_draw(value)}")
         if choices and str(value) not in choices:
             raise self.error(key, f"is '{value}'; {nearest(str(value), choices)}")
         return str(value)
@@ -230,7 +230,7 @@ class Fields:
         """Reads true or false."""
         value = self.raw(key, default)
         if not isinstance(value, bool):
-            raise self.error(key, f"is {value!r}; it must be true or false")
+            raise self.error(key, f"is {value!r}; it must be true or false{how_to_draw(value)}")
         return value
 
     def section(self, key: str, what: str) -> Fields | None:
