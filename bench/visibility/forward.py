@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from bench.visibility.kernels import make_project, repeat, settle
-from nodes.interpolator.displacement_kernels import displace
+from nodes.interpolator.displacement_kernels import BodyMotion, displace
 from nodes.renderer.raster.visibility import Visibility
 
 FOOTPRINTS = {"1 px": (0, False), "3x3 px": (1, False), "3x3 px, into holes only": (1, True)}
@@ -31,7 +31,7 @@ class Forward:
         self._project = make_project(*FOOTPRINTS[footprint])
         on = np.array([i.body if i.body >= 0 else bodies for i in v.scene.instances], np.int32)
         self._body = v.put(on, wp.int32)
-        self._turn, self._shift = (v.empty((instants, bodies + 2), dtype) for dtype in (wp.mat33, wp.vec3))
+        self._motions = v.empty((instants, bodies + 2), BodyMotion)
         self._then = v.empty((instants, bodies), wp.transformd)
         self.packed = v.empty((instants, *v.shape[1:]), wp.uint64)
 
@@ -46,8 +46,8 @@ class Forward:
         for seen, place in keyframes:
             wp.launch(repeat, self._then.shape, [place], [self._then], device=v.device)
             given: list[Any] = [v.camera_body, self._then, poses]
-            wp.launch(displace, self._turn.shape, given, [self._turn, self._shift], device=v.device)
-            given = [v.view, v.span, seen, v.triangle_instance, self._body, self._turn, self._shift]
+            wp.launch(displace, self._motions.shape, given, [self._motions], device=v.device)
+            given = [v.view, v.span, seen, v.triangle_instance, self._body, self._motions]
             wp.launch(self._project, dim, given, [self.packed], device=v.device)
 
     def settle(self, exact: wp.array) -> None:

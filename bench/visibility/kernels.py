@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import BodyMotion, displaced
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, entry_of, face_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray
 
@@ -33,15 +34,14 @@ def make_project(reach: int, behind: bool) -> wp.Kernel:
         seen: wp.array3d(dtype=wp.uint64),
         instance: wp.array(dtype=int),
         body: wp.array(dtype=int),
-        turn: wp.array2d(dtype=wp.mat33),
-        shift: wp.array2d(dtype=wp.vec3),
+        motions: wp.array2d(dtype=BodyMotion),
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
         """Moves points of a keyframe's z-buffer into those of P instants, where the nearest one stays.
 
-        seen: the keyframe's [1, H, W]. packed: the instants' [P, H, W]. turn and shift [P, N + 2]: where bodies have
-        moved since (displacement_kernels.displace). A thread does `span` pixels.
+        seen: the keyframe's [1, H, W]. packed: the instants' [P, H, W]. motions [P, N + 2]: of bodies since
+        then (displacement_kernels.displace). A thread does `span` pixels.
         """
         row, y, part = wp.tid()
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -49,13 +49,13 @@ def make_project(reach: int, behind: bool) -> wp.Kernel:
             t = triangle_of(hit)
             d = pixel_ray(view, x, y)
             p = d
-            b = turn.shape[1] - 1
+            b = motions.shape[1] - 1
             near = SKY_NEAR
             if t != MISS:
                 p = depth_of(hit) * d
                 b = body[instance[t]]
                 near = view.near
-            m = turn[row, b] * p + shift[row, b]
+            m = displaced(motions, row * motions.shape[1] + b, p)
             z = p[2] + m[2]
             if z >= near:
                 # The difference of two images, free of the cancellation that projecting anew would have.

@@ -70,6 +70,44 @@ def whole_four(values: wp.array(dtype=wp.vec4i), at: wp.int32) -> wp.vec4i:
     ...
 
 
+@wp.func_native(WHOLE_FOUR)
+def whole_four_in(values: wp.array2d(dtype=wp.vec4i), at: wp.int32) -> wp.vec4i:
+    """Reads four integers of a table at once, by their place in memory."""
+    ...
+
+
+TWO_AT_ONCE = """
+#if defined(__CUDA_ARCH__)
+    const float2 both = __ldg(reinterpret_cast<const float2*>(values.data) + at);
+    return wp::vec_t<2, wp::float32>(both.x, both.y);
+#else
+    return values.data[at];
+#endif
+"""
+
+
+@wp.func_native(TWO_AT_ONCE)
+def vector_two(values: wp.array(dtype=wp.vec2), at: wp.int32) -> wp.vec2:
+    """Reads two numbers at once, as `number` does."""
+    ...
+
+
+FOUR_AT_ONCE = """
+#if defined(__CUDA_ARCH__)
+    const float4 all = __ldg(reinterpret_cast<const float4*>(values.data) + at);
+    return wp::vec_t<4, wp::float32>(all.x, all.y, all.z, all.w);
+#else
+    return values.data[at];
+#endif
+"""
+
+
+@wp.func_native(FOUR_AT_ONCE)
+def vector_four(values: wp.array3d(dtype=wp.vec4), at: wp.int32) -> wp.vec4:
+    """Reads four numbers at once, as `number` does, by their place in memory."""
+    ...
+
+
 PAIR = """
     const float* first = values.data + at;
 #if defined(__CUDA_ARCH__)

@@ -258,7 +258,7 @@ class Refinement:
     def _scene_of(self, rounds: Rounds) -> Any:
         scene: Any = WindowScene()
         evaluator, scene.bends = rounds.evaluator, rounds.bends
-        scene.turn, scene.shift = evaluator.moved
+        scene.motions = evaluator.motions
         scene.held, scene.packed_a = self._held, self._rigid.pair.a.packed
         scene.packed, scene.targets = self._rigid.visibility.packed, evaluator.targets
         scene.probed, scene.probes = self._probes.packed, self._probes.each

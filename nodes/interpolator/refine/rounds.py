@@ -153,7 +153,7 @@ class Rounds:
         self._requests = GrowingList(make_requests(channels), pixel, bands, device)
         self._intervals = [GrowingList(make_intervals(channels), pixel, bands, device) for _ in range(2)]
         self.samples = Samples(channels, self._tally.made, device)
-        rows, bodies = 2 * instants.per_window * layout.envs, evaluator.moved[0].shape[1]
+        rows, bodies = 2 * instants.per_window * layout.envs, evaluator.motions.shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
     def run(self, window: Window, total: int, meanwhile: Callable[[], None], share: float = 1.0) -> Found:
@@ -233,7 +233,7 @@ class Rounds:
         wp.launch(
             find_bends,
             self.bends.shape[:2],
-            [window.params, window.scene, keys.turn, keys.shift],
+            [window.params, window.scene, keys.motions],
             [self.bends],
             device=self.bends.device,
         )

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import BodyMotion
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
 from nodes.interpolator.refine.frame_kernels import light_at_start
@@ -75,15 +76,14 @@ class PixelInterval:
 class WindowScene:
     """Holds the scene at the instants of a window.
 
-    turn, shift: [2 R, N + 2], motion of the bodies since A, then since B. held [E]: 1 for environments that have no
+    motions [2 R, N + 2]: of the bodies since A, then since B. held [E]: 1 for environments that have no
     gap. packed_a [E, H, W]: z-buffer of keyframe A. packed: [rows, H, W], z-buffers of B and of sub-frames 1 .. K - 1.
     probed, probes: `packed` and `each` of Probes. bends: as of find_bends. parts: of each environment [2, E], see
     WindowParameters: for shadows and beams, and for facets. light_changes: as of find_light_changes. alpha: of each
     instance's material, -1 for a plain one. targets: what rays can meet. surfaces: what they look like.
     """
 
-    turn: wp.array2d(dtype=wp.mat33)
-    shift: wp.array2d(dtype=wp.vec3)
+    motions: wp.array2d(dtype=BodyMotion)
     held: wp.array(dtype=int)
     packed_a: wp.array3d(dtype=wp.uint64)
     packed: wp.array3d(dtype=wp.uint64)

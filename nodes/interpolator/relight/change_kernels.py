@@ -3,7 +3,7 @@ and where they were at both keyframes."""
 
 import warp as wp
 
-from nodes.interpolator.displacement_kernels import displaced, turned_back
+from nodes.interpolator.displacement_kernels import BodyMotion, displaced, turned_back
 from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.renderer.lights.light_kernels import Lights
 from nodes.renderer.lights.sky_kernels import Sky
@@ -99,8 +99,7 @@ class Displacements:
     """Holds how the bodies of slots have moved since keyframe A, then since B, as displacement_kernels has it; entry
     `at` of a body in memory, `behind` more of the same since B."""
 
-    turn: wp.array2d(dtype=wp.mat33)
-    shift: wp.array2d(dtype=wp.vec3)
+    motions: wp.array2d(dtype=BodyMotion)
     at: int
     behind: int
 
@@ -110,8 +109,8 @@ def point_then(s: Point, moves: Displacements, k: int):
     """Computes where a point is in the camera frame of keyframe A (k = 0) or B (1)."""
     at = moves.at + k * moves.behind
     r = s
-    r.position = s.position + displaced(moves.turn, moves.shift, at, s.position)
-    r.normal = turned_back(moves.turn, at, s.normal)
+    r.position = s.position + displaced(moves.motions, at, s.position)
+    r.normal = turned_back(moves.motions, at, s.normal)
     return r
 
 

@@ -10,7 +10,7 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from evis.scene.model import Waveform
-from nodes.interpolator.displacement_kernels import displace
+from nodes.interpolator.displacement_kernels import BodyMotion, displace
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.look_up.log_kernels import log_type
@@ -25,8 +25,8 @@ class KeyframePair:
     keyframes, of which all but the last are A and all but the first are B.
 
     patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of `log_type`. bare float32:
-    ln of the light alone on textures, elsewhere NO_ALBEDO, in scenes that have textures. turn mat33 and shift
-    vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
+    ln of the light alone on textures, elsewhere NO_ALBEDO, in scenes that have textures. motions BodyMotion
+    [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
     """
 
     def __init__(
@@ -56,8 +56,7 @@ class KeyframePair:
             self.image = wp.empty(both, dtype=pixel)
             self.packed = wp.empty(both, dtype=wp.uint64)
             self.poses = wp.empty((both[0], bodies), dtype=wp.transformd)
-            self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
-            self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
+            self.motions = wp.empty((rows, bodies + 2), dtype=BodyMotion)
         self._struct, self._channels = make_keyframes(channels, waveform_count), channels
         self._waveform_count = waveform_count
         self.a, self.b = (
@@ -102,30 +101,31 @@ class KeyframePair:
         """Gives the first row, and poses transformd [rows, N], of what is new of a gap whose B has its poses."""
         return (0, self.poses) if self._in_a_row else (self.b.first, self.b.poses)
 
-    def displace(self, camera: int, poses: wp.array, turn: wp.array, shift: wp.array) -> None:
-        """Computes how bodies at poses transformd [R, N] have moved since A, then since B, turn mat33 and shift vec3
-        [2 R, N + 2]: launches only."""
+    def displace(self, camera: int, poses: wp.array, motions: wp.array) -> None:
+        """Computes how bodies at poses transformd [R, N] have moved since A, then since B, BodyMotion [2 R, N + 2]:
+        launches only."""
         rows = poses.shape[0]
         for k, then in enumerate((self.a, self.b)):
-            out = [array[k * rows : (k + 1) * rows] for array in (turn, shift)]
-            wp.launch(displace, out[0].shape, [camera, poses, then.poses], out, device=poses.device)
+            out = motions[k * rows : (k + 1) * rows]
+            wp.launch(displace, out.shape, [camera, poses, then.poses], [out], device=poses.device)
 
-    def kernel(self, moved: tuple[wp.array, wp.array] | None = None) -> Any:
-        """Gives the struct that the gather reads, which is made once. moved: turn and shift at other instants than the
+    def kernel(self, beside: wp.array | None = None) -> Any:
+        """Gives the struct that the gather reads, which is made once. beside: motions at other instants than the
         sub-frames."""
-        turn, shift = moved or (self.turn, self.shift)
-        which = self.a.first, turn.ptr
+        motions = self.motions if beside is None else beside
+        which = self.a.first, motions.ptr
         if which not in self._kernels:
             # Those of motion that is not asked for any more would keep its memory.
-            self._kernels = {k: keys for k, keys in self._kernels.items() if k[1] in (turn.ptr, self.turn.ptr)}
-            self._kernels[which] = self._made(turn, shift)
+            kept = (motions.ptr, self.motions.ptr)
+            self._kernels = {k: keys for k, keys in self._kernels.items() if k[1] in kept}
+            self._kernels[which] = self._made(motions)
         return self._kernels[which]
 
-    def _made(self, turn: wp.array, shift: wp.array) -> Any:
+    def _made(self, motions: wp.array) -> Any:
         keys: Any = self._struct()
         size = self.a.patch.size
         keys.first = wp.vec2i(*(size // len(self.a.patch) * prepared.first for prepared in (self.a, self.b)))
-        keys.image, keys.turn, keys.shift = self.b.image, turn, shift
+        keys.image, keys.motions = self.b.image, motions
         for name in ("patch", "support", "inverse", "logs", "demodulated", "texels"):
             setattr(keys, name, getattr(self, name).flatten())
         return keys

@@ -111,7 +111,7 @@ class Reprojection:
         shadow casters."""
         v = self._v
         self._lit = None
-        pair.displace(v.camera_body, v.poses, pair.turn, pair.shift)
+        pair.displace(v.camera_body, v.poses, pair.motions)
         self._placed = v.device.is_cuda or self._changes.any
         if self._placed:
             self._shading.place()

@@ -12,7 +12,7 @@ import warp as wp
 from evis.gpu.building import LAUNCH_BLOCK
 from nodes.renderer.raster import clusters, raster_kernels, tiled_kernels
 from nodes.renderer.raster.scene_arrays import SceneArrays
-from nodes.renderer.raster.triangle_kernels import Setup
+from nodes.renderer.raster.triangle_kernels import SETUP_QUADS
 
 WORKERS = 1 << 20
 """Threads that share a list: more than run at once, so that who has done his is followed by another."""
@@ -109,7 +109,8 @@ class TiledRaster:
         regions = int(tiled_kernels.LARGE_REGIONS)
         full = (v.shape[2] // int(tiled_kernels.WIDE) + 1) * (v.shape[1] // rows + 1)
         places = self._envs * room // regions + 4 * full
-        self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
+        self._large = v.empty((regions, places), wp.vec4i)
+        self._setups = v.empty((regions, places, int(SETUP_QUADS)), wp.vec4)
         together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
         area = SHARED_AREA if together else SPLIT_AREA[self._few]
         if self._few:

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.reading_kernels import vector_two
 from nodes.renderer.raster.depth_kernels import depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, ray_steps
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal
@@ -168,9 +169,9 @@ def barycentric_of(view: CameraView, seen: VisibilityBuffer, surfaces: Surfaces,
 def seen_texture(view: CameraView, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Barycentric):
     """Gives a texture under a pixel that sees triangle t."""
     j = 3 * t
-    uv0 = surfaces.uv[j]
-    uv1 = surfaces.uv[j + 1]
-    uv2 = surfaces.uv[j + 2]
+    uv0 = vector_two(surfaces.uv, j)
+    uv1 = vector_two(surfaces.uv, j + 1)
+    uv2 = vector_two(surfaces.uv, j + 2)
     w = r.w
     uv = w[0] * uv0 + w[1] * uv1 + w[2] * uv2
     # The weights are linear in d before they are divided by their sum.

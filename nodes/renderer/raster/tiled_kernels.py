@@ -11,7 +11,7 @@ from functools import cache
 
 import warp as wp
 
-from evis.gpu.reading_kernels import matrix_at, number, vector_at, whole_four
+from evis.gpu.reading_kernels import matrix_at, number, vector_at, whole_four, whole_four_in
 from nodes.renderer.raster.bounds_kernels import bounds, facing, holds_pixel
 from nodes.renderer.raster.depth_kernels import face_from
 from nodes.renderer.raster.lens.distortion_kernels import make_bounds, walk_rays
@@ -26,6 +26,8 @@ from nodes.renderer.raster.triangle_kernels import (
     row_share,
     runs_of,
     set_up,
+    store_setup,
+    stored_setup,
     walk,
     walk_all,
 )
@@ -160,7 +162,7 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
         box: wp.vec4,
         counters: wp.array(dtype=int),
         large: wp.array2d(dtype=wp.vec4i),
-        setups: wp.array2d(dtype=Setup),
+        setups: wp.array3d(dtype=wp.vec4),
         packed: wp.array3d(dtype=wp.uint64),
     ):
         """Draws a small triangle, lists the tiles of a large one; box: its bounds, which hold a pixel's centre."""
@@ -174,7 +176,7 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
             # What the list has no room for is walked at once.
             mine = first + tiles > large.shape[1]
             if not mine:
-                setups[there, first] = s
+                store_setup(setups, there, first, s)
             n = first
             for row in range((s.y1 - s.y0) // wp.static(rows) + 1):
                 for column in range((s.x1 - s.x0) // WIDE + 1):
@@ -251,7 +253,7 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
         counters: wp.array(dtype=int),
         # out
         large: wp.array2d(dtype=wp.vec4i),
-        setups: wp.array2d(dtype=Setup),
+        setups: wp.array3d(dtype=wp.vec4),
         packed: wp.array3d(dtype=wp.uint64),
     ):
         """Draws the listed triangles; large ones are listed in turn.
@@ -261,7 +263,7 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
             instance: of each triangle [T].
             rotation, translation, vertices, triangles, small: as of `list_triangles`.
             large: (environment, triangle, column and row of tiles, place in `setups`) of each tile, by region.
-            setups: of the large triangles.
+            setups: of the large triangles, see `store_setup`.
             packed: z-buffer [E, H, W].
         """
         tid = wp.tid()
@@ -269,8 +271,9 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
         at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
         count = counters[(SMALL + region) * LINE]
         while at < count:
-            env = small[region, at][0]
-            t = small[region, at][1]
+            one = small[region, at]
+            env = one[0]
+            t = one[1]
             a, b, c = placed_corners(view, vertices, triangles, rotation, translation, env, instance[t], t)
             draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
@@ -301,7 +304,7 @@ def make_at_once(lens: str, area: int, rows: int) -> wp.Kernel:
         counters: wp.array(dtype=int),
         # out
         large: wp.array2d(dtype=wp.vec4i),
-        setups: wp.array2d(dtype=Setup),
+        setups: wp.array3d(dtype=wp.vec4),
         packed: wp.array3d(dtype=wp.uint64),
     ):
         """Draws all triangles of the blocks block0.. that may be seen.
@@ -387,7 +390,7 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
         workers: int,
         counters: wp.array(dtype=int),
         large: wp.array2d(dtype=wp.vec4i),
-        setups: wp.array2d(dtype=Setup),
+        setups: wp.array3d(dtype=wp.vec4),
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
@@ -402,11 +405,11 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
         at = tid // (wp.static(rows) * LARGE_REGIONS)
         count = wp.min(counters[(LARGE + region) * LINE], large.shape[1])
         while at < count:
-            tile = large[region, at]
+            tile = whole_four_in(large, region * large.shape[1] + at)
             env = tile[0]
             face = tile[1]
             if face >= 0:
-                s = setups[region, tile[3]]
+                s = stored_setup(setups, region, tile[3])
                 x0 = s.x0 + (tile[2] & ((1 << TILE_BITS) - 1)) * WIDE
                 x1 = wp.min(x0 + WIDE - 1, s.x1)
                 y0 = s.y0 + ((tile[2] >> TILE_BITS) & ((1 << TILE_BITS) - 1)) * wp.static(rows)

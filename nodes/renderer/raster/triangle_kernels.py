@@ -11,7 +11,7 @@ or a vertex belongs to all its triangles and is never missed by all.
 
 import warp as wp
 
-from evis.gpu.reading_kernels import corners_at, number, vector_at
+from evis.gpu.reading_kernels import corners_at, number, vector_at, vector_four
 from nodes.renderer.raster.depth_kernels import put_depth
 from nodes.renderer.raster.lens.view_kernels import CameraView
 
@@ -38,6 +38,49 @@ class Setup:
     x1: int
     y0: int
     y1: int
+
+
+SETUP_QUADS = wp.constant(6)
+"""Quadruples of numbers that a Setup takes in memory: a GPU reads one of them as fast as a single number."""
+
+
+@wp.func
+def store_setup(setups: wp.array3d(dtype=wp.vec4), region: int, place: int, s: Setup):
+    """Writes a Setup into setups [regions, places, SETUP_QUADS]; whole numbers by their bits."""
+    setups[region, place, 0] = wp.vec4(s.e0[0], s.e0[1], s.e0[2], s.slack[0])
+    setups[region, place, 1] = wp.vec4(s.e1[0], s.e1[1], s.e1[2], s.slack[1])
+    setups[region, place, 2] = wp.vec4(s.e2[0], s.e2[1], s.e2[2], s.slack[2])
+    setups[region, place, 3] = wp.vec4(s.normal[0], s.normal[1], s.normal[2], s.offset)
+    setups[region, place, 4] = wp.vec4(s.z_min, s.z_max, 0.0, 0.0)
+    setups[region, place, 5] = wp.vec4(
+        wp.cast(s.x0, wp.float32), wp.cast(s.x1, wp.float32), wp.cast(s.y0, wp.float32), wp.cast(s.y1, wp.float32)
+    )
+
+
+@wp.func
+def stored_setup(setups: wp.array3d(dtype=wp.vec4), region: int, place: int):
+    """Reads the Setup that `store_setup` wrote there."""
+    at = (region * setups.shape[1] + place) * SETUP_QUADS
+    a = vector_four(setups, at)
+    b = vector_four(setups, at + 1)
+    c = vector_four(setups, at + 2)
+    plane = vector_four(setups, at + 3)
+    depths = vector_four(setups, at + 4)
+    box = vector_four(setups, at + 5)
+    s = Setup()
+    s.e0 = wp.vec3(a[0], a[1], a[2])
+    s.e1 = wp.vec3(b[0], b[1], b[2])
+    s.e2 = wp.vec3(c[0], c[1], c[2])
+    s.slack = wp.vec3(a[3], b[3], c[3])
+    s.normal = wp.vec3(plane[0], plane[1], plane[2])
+    s.offset = plane[3]
+    s.z_min = depths[0]
+    s.z_max = depths[1]
+    s.x0 = wp.cast(box[0], wp.int32)
+    s.x1 = wp.cast(box[1], wp.int32)
+    s.y0 = wp.cast(box[2], wp.int32)
+    s.y1 = wp.cast(box[3], wp.int32)
+    return s
 
 
 @wp.func

@@ -10,19 +10,19 @@ TAPS = wp.constant(8)
 
 @wp.struct
 class Textures:
-    """Holds all textures. texels: the levels of all textures one after another, row by row from v = 1 downwards.
+    """Holds all textures. texels: the levels of all textures one after another, row by row from v = 1 downwards; each
+    red, green, blue and 0, for four numbers are read as fast as one, on a CPU as on a GPU.
 
     levels: (first texel, width, height) of each level. place [I]: (first level, number of levels) of an instance's
     texture; 0 levels = none.
     """
 
-    texels: wp.array(dtype=wp.vec3)
+    texels: wp.array(dtype=wp.vec4)
     levels: wp.array(dtype=wp.vec3i)
     place: wp.array(dtype=wp.vec2i)
 
 
-# A CPU reads a texel and the number behind it as one vector, so a texel must follow the last one. Places are held to
-# the level, for uv may be no number.
+# Places are held to the level, for uv may be no number.
 BILINEAR = """
     const auto held = [](int i, int n) { return i < 0 ? 0 : i < n ? i : n - 1; };
     const int w = level[1], h = level[2];
@@ -35,9 +35,12 @@ BILINEAR = """
     const int left = held(i < 0 ? i + w : i, w), right = held(i + 1 < w ? i + 1 : 0, w);
     const int above = level[0] + w * held(j < 0 ? j + h : j, h), below = level[0] + w * held(j + 1 < h ? j + 1 : 0, h);
 #if defined(__CUDA_ARCH__)
-    const wp::vec3* at = texels.data;
-    const wp::vec3 upper = wp::add(at[above + left] * (1.0f - fx), at[above + right] * fx);
-    const wp::vec3 lower = wp::add(at[below + left] * (1.0f - fx), at[below + right] * fx);
+    const auto at = [&](int place) {
+        const float4 t = __ldg(reinterpret_cast<const float4*>(texels.data) + place);
+        return wp::vec3(t.x, t.y, t.z);
+    };
+    const wp::vec3 upper = wp::add(at(above + left) * (1.0f - fx), at(above + right) * fx);
+    const wp::vec3 lower = wp::add(at(below + left) * (1.0f - fx), at(below + right) * fx);
     return wp::add(upper * (1.0f - fy), lower * fy);
 #else
     typedef float four __attribute__((ext_vector_type(4), aligned(4)));
@@ -51,7 +54,7 @@ BILINEAR = """
 
 
 @wp.func_native(BILINEAR)
-def bilinear(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, uv: wp.vec2) -> wp.vec3:
+def bilinear(texels: wp.array(dtype=wp.vec4), level: wp.vec3i, uv: wp.vec2) -> wp.vec3:
     """Gives linear interpolation between texel centres ((i + 0.5) / width, 1 - (j + 0.5) / height), repeating."""
     ...
 

@@ -44,7 +44,7 @@ def pack(scene: Scene, put: Any) -> tuple[Textures, bool]:
     Raises ValueError naming the material of a texture that is not finite [h, w, 3].
     """
     shown = {i.material for i in scene.instances if i.mesh.uv is not None}
-    texels, levels, places, start = [np.zeros((0, 3), np.float32)], [(0, 0, 0)], [], 0
+    texels, levels, places, start = [np.zeros((0, 4), np.float32)], [(0, 0, 0)], [], 0
     for index, material in enumerate(scene.materials):
         if material.texture is None:
             places.append((0, 0))
@@ -67,15 +67,12 @@ def pack(scene: Scene, put: Any) -> tuple[Textures, bool]:
         places.append((len(levels), 0))
         for level in pyramid(texture):
             levels.append((start, level.shape[1], level.shape[0]))
-            texels.append(level.reshape(-1, 3))
+            texels.append(np.pad(level.reshape(-1, 3), ((0, 0), (0, 1))))
             start += level.shape[0] * level.shape[1]
         places[-1] = (places[-1][0], len(levels) - places[-1][0])
-    if start:
-        # Native code reads a number beyond the last texel.
-        texels.append(np.zeros((1, 3), np.float32))
     # A mesh without texture coordinates has its material's plain albedo.
     place = [places[i.material] if i.mesh.uv is not None else (0, 0) for i in scene.instances]
     packed = Textures()
-    packed.texels, packed.levels = put(np.concatenate(texels), wp.vec3), put(np.array(levels), wp.vec3i)
+    packed.texels, packed.levels = put(np.concatenate(texels), wp.vec4), put(np.array(levels), wp.vec3i)
     packed.place = put(np.array(place, np.int32).reshape(-1, 2), wp.vec2i)
     return packed, any(count for _, count in place)

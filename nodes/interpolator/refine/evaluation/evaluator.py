@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import BodyMotion
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.evaluation.visibility_kernels import Targets
@@ -80,8 +81,8 @@ class Evaluator:
         bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
-            self._turn = wp.empty((2 * v.envs, bodies), dtype=wp.mat33)
-            self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
+            self.motions = wp.empty((2 * v.envs, bodies), dtype=BodyMotion)
+            """Of each body since A (rows 0 .. R - 1) and since B (R ..), [2 R, N + 2]."""
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
             self.strength = wp.zeros(v.envs * layout.waveform_count, dtype=wp.float32)
@@ -107,11 +108,6 @@ class Evaluator:
         """Gives the kernels' struct of surfaces that rays can meet, with the present trees."""
         self._targets.casters = self.shading.occluders.casters
         return self._targets
-
-    @property
-    def moved(self) -> tuple[wp.array, wp.array]:
-        """Gives the motion of each body since A (rows 0 .. R - 1) and since B (R ..), mat33 and vec3 [2 R, N + 2]."""
-        return self._turn, self._shift
 
     def begin(self, stamps: np.ndarray, gap: Span, poses: Poses) -> None:
         """Begins a gap; stamps: of all instants, int64 [n] or [E, n] ns. poses: at these."""
@@ -139,7 +135,7 @@ class Evaluator:
         """Places bodies, lights and what casts shadows for what was sent: launches only."""
         v, rigid = self.visibility, self._rigid
         v.place_instances()
-        rigid.pair.displace(v.camera_body, v.poses, self._turn, self._shift)
+        rigid.pair.displace(v.camera_body, v.poses, self.motions)
         self.shading.place()
         self.shading.placed()
         if rigid.change is not None:
@@ -169,7 +165,7 @@ class Evaluator:
         """
         v, rigid = self.visibility, self._rigid
         values = self.values.reshape((1, 1, -1))
-        keys = rigid.pair.kernel(self.moved)
+        keys = rigid.pair.kernel(self.motions)
         lists = self._lists_of(number, listed, count, unseen)
         portion = self._portion
         portion.upsampling, portion.packed = self._upsampling, self.hits.reshape((1, 1, -1))

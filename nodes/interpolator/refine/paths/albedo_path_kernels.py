@@ -92,7 +92,7 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
         i = run.start
         hit = run.before
         # Points of one body keep their distances in the frame of keyframe A's camera.
-        motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, 0, i, body)
+        motion = motion_since(params, scene, keys.motions, px.env, px.k, 0, i, body)
         point = depth_of(hit) * px.d
         here = point + motion.turn * point + motion.shift
         heading = wp.vec3(0.0)
@@ -101,7 +101,7 @@ def make_request_albedo_path(channels: int, waveform_count: int) -> Any:
             seen = run.after
             if following < run.end:
                 seen = entry_at(params, scene, px, following)
-            motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, 0, following, body)
+            motion = motion_since(params, scene, keys.motions, px.env, px.k, 0, following, body)
             point = depth_of(seen) * px.d
             there = point + motion.turn * point + motion.shift
             step = there - here

@@ -111,7 +111,7 @@ def make_request_keyframe_path(lens: str, channels: int, waveform_count: int) ->
         """
         last = run.last
         patch = wp.int32(0)
-        body = keys.turn.shape[1] - 1
+        body = keys.motions.shape[1] - 1
         from_here = wp.float32(1.0)
         t = triangle_of(run.before)
         if t != MISS:

@@ -43,9 +43,9 @@ def make_place_then(lens: str, channels: int, waveform_count: int) -> Any:
         body: that the point is on. away: its distance along the ray, in multiples of `px.d`.
         """
         point = away * px.d
-        motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, which, i, body)
+        motion = motion_since(params, scene, keys.motions, px.env, px.k, which, i, body)
         m = motion.turn * point + motion.shift
-        near = wp.where(body == keys.turn.shape[1] - 1, SKY_NEAR, view.near)
+        near = wp.where(body == keys.motions.shape[1] - 1, SKY_NEAR, view.near)
         moved = displacement(view, px.d, point, m, near)
         q = point + m
         return wp.vec3(

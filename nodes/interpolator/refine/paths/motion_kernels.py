@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import BodyMotion, shift_at, turn_at
 from nodes.interpolator.refine.window_kernels import (
     PixelInterval,
     WindowParameters,
@@ -17,39 +18,32 @@ STILL = wp.constant(0.4)
 """Way of a point, of the distance from a straight one that counts as none, up to which it counts as still."""
 
 
-@wp.struct
-class Motion:
-    """Holds how a body has moved since a keyframe: the point p, in the camera's frame, by turn p + shift."""
-
-    turn: wp.mat33
-    shift: wp.vec3
-
-
 @wp.func
 def motion_since(
     params: WindowParameters,
     scene: WindowScene,
-    turn: wp.array2d(dtype=wp.mat33),
-    shift: wp.array2d(dtype=wp.vec3),
+    motions: wp.array2d(dtype=BodyMotion),
     env: int,
     k: int,
     which: int,
     i: int,
     body: int,
 ):
-    """Gives the motion of a body since keyframe `which` at instant i of coarse interval k; turn, shift: of Keyframes,
+    """Gives the motion of a body since keyframe `which` at instant i of coarse interval k; motions: of Keyframes,
     at the coarse frames."""
-    motion = Motion()
+    motion = BodyMotion()
     if which + i + k > 0:
         if i == 0 or i > params.slots:
             frame = k + wp.where(i == 0, 0, 1)
             row = which * params.rows + wp.where(frame == params.coarse, 0, frame) * params.envs + env
-            motion.turn = turn[row, body]
-            motion.shift = shift[row, body]
+            at = row * motions.shape[1] + body
+            motion.turn = turn_at(motions, at)
+            motion.shift = shift_at(motions, at)
         else:
-            row = which * (scene.turn.shape[0] // 2) + slot_row(params, env, k, i)
-            motion.turn = scene.turn[row, body]
-            motion.shift = scene.shift[row, body]
+            row = which * (scene.motions.shape[0] // 2) + slot_row(params, env, k, i)
+            at = row * scene.motions.shape[1] + body
+            motion.turn = turn_at(scene.motions, at)
+            motion.shift = shift_at(scene.motions, at)
     return motion
 
 
@@ -67,15 +61,14 @@ def find_bends(
     # in
     params: WindowParameters,
     scene: WindowScene,
-    turn: wp.array2d(dtype=wp.mat33),
-    shift: wp.array2d(dtype=wp.vec3),
+    motions: wp.array2d(dtype=BodyMotion),
     # out
     bends: wp.array3d(dtype=wp.vec2),
 ):
     """Computes how far the motion of bodies since a keyframe is off a straight line at the probes, at most, where it is
     known at both ends of a coarse interval, then at its half too, then at its quarters, and so on.
 
-    turn, shift: as of motion_since. bends [2 intervals E, N + 2, depth + 1]: since A, then since B: turn and shift [m];
+    motions: as of motion_since. bends [2 intervals E, N + 2, depth + 1]: since A, then since B: turn and shift [m];
     last, how far the ends of a coarse interval are apart. Motion since B is not known at A, and not asked for; zero may
     stand there, as it matters only how the rest goes on.
     """
@@ -94,19 +87,19 @@ def find_bends(
         most = wp.vec2(0.0, 0.0)
         for part in range((params.slots + 1) // stride):
             start = part * stride
-            a = motion_since(params, scene, turn, shift, env, k, which, start, body)
-            b = motion_since(params, scene, turn, shift, env, k, which, start + stride, body)
+            a = motion_since(params, scene, motions, env, k, which, start, body)
+            b = motion_since(params, scene, motions, env, k, which, start + stride, body)
             for n in range(1, stride // each):
                 g = float(n * each) / float(stride)
-                m = motion_since(params, scene, turn, shift, env, k, which, start + n * each, body)
+                m = motion_since(params, scene, motions, env, k, which, start + n * each, body)
                 off = m.turn - a.turn - g * (b.turn - a.turn)
                 aside = m.shift - a.shift - g * (b.shift - a.shift)
                 most = wp.vec2(wp.max(most[0], norm_of(off)), wp.max(most[1], wp.length(aside)))
         bends[row, body, level] = most
         stride = stride // 2
         level += 1
-    a = motion_since(params, scene, turn, shift, env, k, which, 0, body)
-    b = motion_since(params, scene, turn, shift, env, k, which, params.slots + 1, body)
+    a = motion_since(params, scene, motions, env, k, which, 0, body)
+    b = motion_since(params, scene, motions, env, k, which, params.slots + 1, body)
     bends[row, body, bends.shape[2] - 1] = wp.vec2(norm_of(b.turn - a.turn), wp.length(b.shift - a.shift))
 
 

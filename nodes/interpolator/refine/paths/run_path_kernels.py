@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import shift_at
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.light.flicker_kernels import Marks, entry_near, marks_of
 from nodes.interpolator.refine.light.light_visibility_kernels import part_at
@@ -184,8 +185,9 @@ def make_light_may_change(changes: LightChanges) -> Any:
             if t != MISS:
                 body = scene.targets.pieces[t][0]
                 row = slot_row(params, px.env, px.k, i)
-                to_a = scene.shift[row, body]
-                to_b = scene.shift[row + scene.shift.shape[0] // 2, body]
+                at = row * scene.motions.shape[1] + body
+                to_a = shift_at(scene.motions, at)
+                to_b = shift_at(scene.motions, at + scene.motions.shape[0] // 2 * scene.motions.shape[1])
                 return point_flags(change, body, px.env, row, hit, depth_of(hit) * px.d, to_a, to_b) != 0
         return False
 
@@ -207,8 +209,9 @@ def make_light_is_even(changes: LightChanges) -> Any:
             t = triangle_of(hit)
             body = scene.targets.pieces[t][0]
             row = slot_row(params, px.env, px.k, i)
-            to_a = scene.shift[row, body]
-            to_b = scene.shift[row + scene.shift.shape[0] // 2, body]
+            at = row * scene.motions.shape[1] + body
+            to_a = shift_at(scene.motions, at)
+            to_b = shift_at(scene.motions, at + scene.motions.shape[0] // 2 * scene.motions.shape[1])
             position = depth_of(hit) * px.d
             flag = point_flags(change, body, px.env, row, hit, position, to_a, to_b)
             if flag == 0:

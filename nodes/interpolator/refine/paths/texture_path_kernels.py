@@ -180,7 +180,7 @@ def make_request_texture_path(lens: str, channels: int, waveform_count: int) -> 
     ):
         """Finds where on a plane of a body a pixel looks at instant i; which: of the keyframe."""
         place = TexturePlace()
-        motion = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, which, i, body)
+        motion = motion_since(params, scene, keys.motions, px.env, px.k, which, i, body)
         turned = motion.turn * px.d
         place.turn = motion.turn
         place.ray = px.d + turned
@@ -220,7 +220,7 @@ def make_request_texture_path(lens: str, channels: int, waveform_count: int) -> 
         base = keys.first[which] + px.env * view.width * view.height
         each = probe_spacing(params, scene, px.env)
         middle = (params.slots + 1) >> 1
-        back = motion_since(params, scene, keys.turn, keys.shift, px.env, px.k, which, middle, body)
+        back = motion_since(params, scene, keys.motions, px.env, px.k, which, middle, body)
         row = slot_row(params, px.env, px.k, middle)
         plane = textured_plane_of(view, scene.targets, scene.surfaces, row, t, back.turn, back.shift)
         place = texture_place(view, params, keys, scene, px, plane, which, body, run.start)

@@ -13,7 +13,7 @@ import warp as wp
 from evis.geometry import se3
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.displacement_kernels import displace
+from nodes.interpolator.displacement_kernels import BodyMotion, displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST
@@ -245,9 +245,9 @@ class Probes:
         own: wp.array = wp.array(np.where(held, 0, ahead.looked_at).astype(np.int32), device=v.device)
         for first, (now, then), packed in zip((0, coarse), ahead.pairs, (rigid.visibility.packed, self.packed)):
             rows = now.shape[0]
-            turn, shift = self._displaced(now, then)
+            motions = self._displaced(now, then)
             where = [v.view, self._envs, first * self._envs]
-            what = [span, gaps, ahead.least * coarse, instants.count, own, turn, shift]
+            what = [span, gaps, ahead.least * coarse, instants.count, own, motions]
             what += [rigid.pieces, v.triangle_instance, albedo_scale, packed]
 
             def of_rows(
@@ -298,15 +298,15 @@ class Probes:
         turned = se3.angle(se3.multiply(se3.conjugate(seen[1][..., 3:]), seen[0][..., 3:]))
         return np.stack([gone, turned], axis=-1).reshape(-1, self._envs, now.shape[1] + 1, 2)
 
-    def _displaced(self, now: np.ndarray, then: np.ndarray) -> tuple[wp.array, wp.array]:
-        """Computes how bodies move against the camera from poses `then` to poses `now`, [rows, N, 7]."""
+    def _displaced(self, now: np.ndarray, then: np.ndarray) -> wp.array:
+        """Computes how bodies move against the camera from poses `then` to poses `now`, [rows, N, 7]: BodyMotion
+        [rows, N + 2]."""
         v = self._v
         given: list[Any] = [wp.array(p, dtype=wp.transformd, device=v.device) for p in (now, then)]
         with wp.ScopedDevice(v.device):
-            turn = wp.empty((now.shape[0], now.shape[1] + 2), dtype=wp.mat33)
-            shift = wp.empty((now.shape[0], now.shape[1] + 2), dtype=wp.vec3)
-            wp.launch(displace, turn.shape, [v.camera_body, *given], [turn, shift])
-        return turn, shift
+            motions = wp.empty((now.shape[0], now.shape[1] + 2), dtype=BodyMotion)
+            wp.launch(displace, motions.shape, [v.camera_body, *given], [motions])
+        return motions
 
 
 def least_of(upsampling: int) -> int:

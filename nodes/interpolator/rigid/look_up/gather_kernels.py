@@ -13,8 +13,8 @@ from typing import Any, Literal
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from evis.gpu.reading_kernels import entry, vector_at, whole_number
-from nodes.interpolator.displacement_kernels import displaced
+from evis.gpu.reading_kernels import entry, whole_number
+from nodes.interpolator.displacement_kernels import displaced, shift_at
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.relight.change_kernels import Change, Displacements, point_of
 from nodes.interpolator.relight.features import LightChanges
@@ -116,7 +116,7 @@ def make_look_up_both(
             # What A does not tell without care is left to the careful look.
             asked = first or looks.state_a != HARD
             if asked:
-                moved = displaced(keys.turn, keys.shift, since + k * behind, s.point)
+                moved = displaced(keys.motions, since + k * behind, s.point)
                 origin = base + wp.where(first, keys.first[0], keys.first[1])
                 distant = portion.pace * float(wp.where(first, i, portion.upsampling - i))
                 state, found = look_up(view, keys, origin, s, moved, portion.tolerance, distant)
@@ -190,8 +190,7 @@ def make_light_differs(channels: int, waveform_count: int, changes: LightChanges
         tell, and otherwise how much above each of them ln of its radiance is; at, behind: of Displacements."""
         s = point_of(change, change.casters, n, hit, position)
         moves = Displacements()
-        moves.turn = keys.turn
-        moves.shift = keys.shift
+        moves.motions = keys.motions
         moves.at = at
         moves.behind = behind
         row_a = portion.keyframes[0] + env
@@ -309,14 +308,14 @@ def make_gather(
             elif anew:
                 lists.pixels[first + take_place(lists.count, band)] = place
             elif changed:
-                s, body = visible_point_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
-                since = n * keys.turn.shape[1] + body
-                behind = keys.turn.shape[0] / 2 * keys.turn.shape[1]
+                s, body = visible_point_of(view, hit, y, x, portion.pieces, keys.motions.shape[1] - 1)
+                since = n * keys.motions.shape[1] + body
+                behind = keys.motions.shape[0] / 2 * keys.motions.shape[1]
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
-                        to_a = vector_at(keys.shift, since)
-                        to_b = vector_at(keys.shift, since + behind)
+                        to_a = shift_at(keys.motions, since)
+                        to_b = shift_at(keys.motions, since + behind)
                         flag = point_flags(change, body, env, n, hit, s.point, to_a, to_b)
                 later = wp.bool(False)
                 if wp.static(not listed):

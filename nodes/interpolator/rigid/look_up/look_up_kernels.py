@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.reading_kernels import element, number, pair, pair_of, weighted, whole_number, whole_pair
+from nodes.interpolator.displacement_kernels import BodyMotion
 from nodes.interpolator.rigid.keyframe_kernels import STRAIGHT, WHOLE
 from nodes.interpolator.rigid.look_up.log_kernels import apart, half_black, least, log_type, most, name_of, within
 from nodes.renderer.raster.lens.displacement_kernels import FAR_AWAY, SKY_NEAR, make_displacement
@@ -53,8 +54,7 @@ def make_keyframes(channels: int, waveform_count: int) -> Any:
         logs: wp.array(dtype=log_type(channels, waveform_count))
         demodulated: wp.array(dtype=float)
         texels: wp.array(dtype=wp.vec4)
-        turn: wp.array2d(dtype=wp.mat33)
-        shift: wp.array2d(dtype=wp.vec3)
+        motions: wp.array2d(dtype=BodyMotion)
 
     Keyframes.__qualname__ = name_of("Keyframes", channels, waveform_count)
     return wp.struct(Keyframes)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import BodyMotion
 from nodes.interpolator.refine.paths.motion_kernels import find_bends, stride_of
 from nodes.interpolator.refine.window_kernels import PixelInterval, WindowParameters, WindowScene, shows_one
 
@@ -72,6 +73,14 @@ def moved(kind, t):
     return np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis, shift
 
 
+def motions_of(every, rows):
+    """What `moved` gave at some instants, of the two bodies and the world alike."""
+    motions = np.zeros((len(rows), 3), BodyMotion.numpy_dtype())
+    for row, n in enumerate(rows):
+        motions["turn"][row], motions["shift"][row] = every[n]
+    return wp.array(motions, dtype=BodyMotion, device="cpu")
+
+
 def made_scene(kind, params):
     """The motion since A of the world at all instants of both coarse intervals, in a Stage, and as `moved` gives it."""
     each = SLOTS + 1
@@ -80,14 +89,11 @@ def made_scene(kind, params):
     # Since B it is the same here; at coarse frames B has the first row.
     rows = [*inside, *inside]
     scene = WindowScene()
-    scene.turn = wp.array(np.array([[every[n][0]] * 3 for n in rows], np.float32), dtype=wp.mat33)
-    scene.shift = wp.array(np.array([[every[n][1]] * 3 for n in rows], np.float32), dtype=wp.vec3)
+    scene.motions = motions_of(every, rows)
     scene.probes = wp.array([params.probes], dtype=wp.int32)
     scene.bends = wp.zeros((2 * K, 3, params.depth + 1), dtype=wp.vec2)
     frames = [K * each, *range(each, K * each, each)] * 2
-    turn = wp.array(np.array([[every[n][0]] * 3 for n in frames], np.float32), dtype=wp.mat33)
-    shift = wp.array(np.array([[every[n][1]] * 3 for n in frames], np.float32), dtype=wp.vec3)
-    wp.launch(find_bends, (2 * K, 3), [params, scene, turn, shift], [scene.bends], device="cpu")
+    wp.launch(find_bends, (2 * K, 3), [params, scene, motions_of(every, frames)], [scene.bends], device="cpu")
     return scene, every
 
 
@@ -136,12 +142,10 @@ def test_of_intervals_beyond_the_end_of_a_gap_nothing_is_found():
     later = WindowScene()
     later.probes = scene.probes
     half = SLOTS
-    later.turn, later.shift = (
-        wp.array(np.concatenate([a.numpy()[half : 2 * half]] * 4), dtype=kind)
-        for a, kind in ((scene.turn, wp.mat33), (scene.shift, wp.vec3))
-    )
-    frames = [wp.zeros((2 * K, 3), dtype=kind, device="cpu") for kind in (wp.mat33, wp.vec3)]
-    wp.launch(find_bends, (2 * K, 3), [params, later, *frames], [marked], device="cpu")
+    motions = scene.motions.numpy()
+    later.motions = wp.array(np.concatenate([motions[half : 2 * half]] * 4), dtype=BodyMotion, device="cpu")
+    frames = wp.zeros((2 * K, 3), dtype=BodyMotion, device="cpu")
+    wp.launch(find_bends, (2 * K, 3), [params, later, frames], [marked], device="cpu")
     found = marked.numpy()
     assert (found[1] == -1).all() and (found[3] == -1).all()
     # As many times as probes can be halved.
