@@ -342,3 +342,8 @@ class Image(Message):
     env: int = 0
     """Environment that it is of, of the `envs` that there are."""
     envs: int = 1
+
+    @property
+    def environment(self) -> tuple[int, int]:
+        """Tells which environment it is of, and of how many."""
+        return self.env, self.envs

@@ -46,6 +46,11 @@ class Message:
         super().__init_subclass__(**kwargs)
         Message.TYPES[cls.__name__] = cls
 
+    @property
+    def environment(self) -> tuple[int, int]:
+        """Tells which environment it is of, and of how many, where each has messages of its own; else (0, 1)."""
+        return 0, 1
+
     def arrays(self) -> dict[str, Any]:
         """Returns the array fields that are present, in declaration order."""
         return {n: v for n in array_specs(type(self)) if (v := getattr(self, n)) is not None}

@@ -17,7 +17,7 @@ from evis.bus.memory.device import DevicePool, DeviceSlot, LoanRequest, check
 from evis.bus.memory.lending import Lender
 from evis.bus.memory.placing import describe, place
 from evis.bus.memory.slots import Pinned, Slot, SlotPool
-from evis.bus.tap import TapSender, queue_length, share_of
+from evis.bus.tap import TapSender, queue_length
 from msgs.codec import Buffer, checked, contiguous, pack_header, raw
 from msgs.header import Message
 
@@ -235,7 +235,7 @@ class Publisher(Lender):
         message.header.seq = self._seq
         size = sum([a.nbytes for a in arrays.values()])
         slot = self._pool.claim(arrays)
-        consumers, tapped = self._receivers(), self._tap.due(*share_of(message))
+        consumers, tapped = self._receivers(), self._tap.due(*message.environment)
         # A latched message reaches half-connected consumers too, which hold no slot: it carries its arrays.
         by_slot = bool(consumers) and self._pool.shared and size >= INLINE_BELOW and not self.latched
         # What is copied into a slot as a whole is in order there.

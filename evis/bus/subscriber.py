@@ -19,7 +19,7 @@ from evis.bus.memory import mapping
 from evis.bus.memory.cuda_ipc import KIND, ImportedSlots, uuid_of, without_rows
 from evis.bus.memory.device import device_of
 from evis.bus.pipes import MessageInbox, Outlet
-from evis.bus.tap import queue_length, share_of, together
+from evis.bus.tap import queue_length, together
 from msgs.codec import attach, decode_header
 from msgs.fields import MessageError, TypeMismatch
 from msgs.header import Message
@@ -304,7 +304,7 @@ class Subscriber:
         self._next_seq = header.seq + 1
         self._last = this
         if self.tap:
-            self._make_room_for(share_of(message)[1])
+            self._make_room_for(message.environment[1])
         else:
             on_gpu = device_of(message) is not None
             self._on_gpu += on_gpu

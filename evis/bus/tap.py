@@ -13,9 +13,7 @@ import zmq
 
 from evis.bus import wire
 from evis.bus.endpoints import bind
-from msgs.camera import Image
 from msgs.codec import Buffer
-from msgs.header import Message
 from msgs.topics import UnknownTopic, find_topic
 
 END_WAIT_S = 0.2
@@ -42,11 +40,6 @@ def queue_length(topic: str, envs: int = 1) -> int:
 def together(envs: int) -> int:
     """Returns how many environments have messages one right after another, of `envs` that there are said to be."""
     return min(max(1, envs), ENVS_AT_ONCE)
-
-
-def share_of(message: Message) -> tuple[int, int]:
-    """Returns which environment a message is of, and of how many, where each has its own; (0, 1) of all others."""
-    return (message.env, message.envs) if isinstance(message, Image) else (0, 1)
 
 
 class TapSender:
@@ -103,7 +96,7 @@ class TapSender:
     def due(self, env: int = 0, envs: int = 1) -> bool:
         """Tells whether a tap listens and the rate limit lets the next message through; counts it if not.
 
-        env, envs: of `share_of` the message.
+        env, envs: the message's `environment`.
         """
         if not self.listeners:
             return False

@@ -12,7 +12,7 @@ import zmq
 from evis.bus import Publisher, endpoints_for, wire
 from evis.bus.endpoints import check_bind
 from evis.bus.publisher import LATCHED_QUEUE
-from evis.bus.tap import TapSender, queue_length, share_of
+from evis.bus.tap import TapSender, queue_length
 from evis.remote.protocol import taps_of
 from evis.runtime.hosting.wiring import system_topic, tap_hz
 from evis.runtime.plan import NodePlan, Plan
@@ -75,7 +75,7 @@ class LocalTap:
         """Hands a message on, frame by frame as it came, to who reads it here, as often as they want."""
         if self.latched:
             self.sender.latched = frames
-        if self.sender.due(*share_of(message)):
+        if self.sender.due(*message.environment):
             self.sender.send(frames)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +13,24 @@ from bus_workers import wait_for
 
 from evis.bus import Endpoints, Publisher, Subscriber, tap
 from msgs.camera import Image
-from msgs.header import Header
+from msgs.fields import array
+from msgs.header import Header, Message
 
 TOPIC = "/cam0/image"
 HZ = 30.0
+
+
+@dataclass
+class Gauge(Message):
+    """A message that the bus has never heard of, of which each of three environments has its own."""
+
+    header: Header
+    value: np.ndarray = array("float32", "N")
+    of: int = 0
+
+    @property
+    def environment(self) -> tuple[int, int]:
+        return self.of, 3
 
 
 class Clock:
@@ -78,6 +93,38 @@ def test_who_had_wanted_every_message_leaves_the_rate_as_it_was(monkeypatch: pyt
         clock.now += 1 / 300
         count += sender.due()
     assert abs(count - 2.0 * HZ) <= 1
+
+
+def test_any_message_may_be_of_one_environment(
+    context: zmq.Context, endpoints: Endpoints, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of three passes as often as a single one would: the message itself says whose it is."""
+    clock = Clock(monkeypatch)
+    publisher = Publisher(context, TOPIC, "scale", endpoints, [], message_type=Gauge)
+    publisher.start()
+    viewer = Subscriber(context, TOPIC, "viewer", "tap", endpoints, message_type=Gauge, tap=True)
+    viewer.start()
+    wait_for(lambda: (publisher.pump(), publisher.tapped())[1])
+
+    def burst(stamp: int) -> None:
+        for env in range(3):
+            publisher.send(Gauge(Header(stamp), np.full(2, env, np.float32), env))
+
+    # At one time the first message and the one that is due then pass, of each environment.
+    for stamp in range(3):
+        burst(stamp)
+    assert (publisher._tap.sent, publisher._tap.skipped) == (6, 3)
+    # The first ones tell the viewer for how many it is to have room.
+    wait_for(lambda: viewer.receive(0) is not None)
+    while viewer.receive(200) is not None:
+        pass
+    clock.now += 1.0
+    burst(3)
+    came: list[Gauge] = []
+    wait_for(lambda: (came.extend(filter(None, [viewer.receive(0)])), len(came) == 3)[1])
+    assert [(m.header.stamp_ns, m.of, m.value.tolist()) for m in came] == [(3, e, [e, e]) for e in range(3)]
+    viewer.close()
+    publisher.close()
 
 
 @pytest.fixture

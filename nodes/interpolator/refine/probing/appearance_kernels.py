@@ -1,9 +1,10 @@
-"""Finds how long boxes that move stay in the image between two probes, from where their bodies are at every instant."""
+"""Follows boxes that move through a gap, and finds what of them is in the image, or on a pixel, for a short time."""
 
 import warp as wp
 
 from nodes.interpolator.displacement_kernels import turn_of
 from nodes.interpolator.refine.probing.box_kernels import Boxes, reach
+from nodes.interpolator.refine.probing.narrow_kernels import add_missed, narrow_way
 
 wp.set_module_options({"enable_backward": False})
 
@@ -11,15 +12,9 @@ PIECES = wp.constant(64)
 """Parts of the way from one instant to the next at which a thing is looked for that may pass the image on it."""
 QUICK = wp.constant(0.25)
 """Part of its size by which a thing about the near plane moves in a gap, at least, if it is to count."""
-
-
 SWEPT = wp.constant(14.0)
 """Instants within which what passes the near plane is shown too seldom, if it goes by its own size in them: as it comes
 near, all of it sweeps over every pixel."""
-NARROW = wp.constant(1.0)
-"""Width [px] of a thing along its way below which it may be on no pixel of an image that it is in."""
-NARROW_NOT = wp.constant(wp.float64(wp.inf))
-"""Width of what does not move in the image."""
 PASSES = wp.constant(1)
 TOO_FAST = wp.constant(2)
 
@@ -36,7 +31,7 @@ class ImageReach:
 
 @wp.func
 def image_reach(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.float64, sides: wp.vec4d):
-    """Finds how far a box reaches into the image. sides: as of find_appearances."""
+    """Finds how far a box reaches into the image. sides: as of follow_boxes."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     way = ImageReach()
@@ -57,44 +52,69 @@ def image_reach(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.floa
 
 
 @wp.struct
-class NarrowWay:
-    """Holds how narrow a box is along its way from one instant to the next, for how many instants it is on a pixel, and
-    how many pixels it goes over."""
+class BoxPlace:
+    """Holds where a box is before the camera: its centre [m], its axes, and how far it reaches into the image."""
 
-    width: wp.float64
-    stay: wp.float64
-    pixels: wp.float64
+    centre: wp.vec3d
+    axes: wp.mat33d
+    image: ImageReach
 
 
 @wp.func
-def narrow_way(
-    centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, last_centre: wp.vec3d, sides: wp.vec4d, scale: wp.float64
-):
-    """Measures the way of a box through the image between two instants. scale: pixels of a slope of 1."""
-    zero = wp.float64(0.0)
-    way = NarrowWay()
-    step = wp.vec2d(
-        scale * (centre[0] / centre[2] - last_centre[0] / last_centre[2]),
-        scale * (centre[1] / centre[2] - last_centre[1] / last_centre[2]),
+def place_of(boxes: Boxes, j: int, pose: wp.transformd, eye: wp.transformd, near: wp.float64, sides: wp.vec4d):
+    """Finds the BoxPlace of box j, whose body is at `pose`, before a camera at `eye`."""
+    back = wp.transpose(turn_of(eye))
+    turn = back * turn_of(pose)
+    place = BoxPlace()
+    place.centre = turn * boxes.translation[j] + back * (
+        wp.transform_get_translation(pose) - wp.transform_get_translation(eye)
     )
-    gone = wp.length(step)
-    way.width = NARROW_NOT
-    if gone > zero:
-        along = step / gone
-        # Of a side of the box what counts is how far it reaches in the image, where it is ahead.
-        slope = wp.vec2d(centre[0] / centre[2], centre[1] / centre[2])
-        forward = wp.vec3d(along[0], along[1], -(along[0] * slope[0] + along[1] * slope[1]))
-        across = wp.vec3d(-along[1], along[0], along[1] * slope[0] - along[0] * slope[1])
-        size = wp.float64(2.0) * scale / centre[2]
-        way.width = size * reach(forward, wp.vec3d(), axes, half)
-        way.stay = way.width / gone
-        image = scale * wp.max(sides[1] - sides[0], sides[3] - sides[2])
-        way.pixels = gone * wp.min(size * reach(across, wp.vec3d(), axes, half), image)
-    return way
+    place.axes = turn * boxes.rotation[j]
+    place.image = image_reach(place.centre, place.axes, boxes.half[j], near, sides)
+    return place
+
+
+@wp.func
+def passes_near_plane(here: BoxPlace, last: BoxPlace, half: wp.vec3d, gone: wp.float64, near: wp.float64):
+    """Tells whether a box, of which something is in the image, cuts the near plane or has gone through it since the
+    last instant: PASSES or TOO_FAST, else 0. gone: how far it has moved since [m]."""
+    zero = wp.float64(0.0)
+    shows = here.image.inside >= zero or last.image.inside >= zero
+    if not shows:
+        return 0
+    cuts = -reach(wp.vec3d(zero, zero, -wp.float64(1.0)), here.centre, here.axes, half) < near
+    if not (cuts or ((here.image.beyond ^ last.image.beyond) & 1) == 1):
+        return 0
+    size = wp.float64(2.0) * wp.max(wp.max(half[0], half[1]), half[2])
+    return wp.where(wp.float64(SWEPT) * gone > size, TOO_FAST, PASSES)
+
+
+@wp.func
+def comes_between(
+    here: BoxPlace,
+    last: BoxPlace,
+    half: wp.vec3d,
+    gone: wp.float64,
+    near: wp.float64,
+    sides: wp.vec4d,
+    deep: wp.float64,
+):
+    """Tells whether a box comes further into the image than `deep` between two instants, but at neither of them."""
+    found = wp.bool(False)
+    # What stays beyond one side all along does not come in, and what hardly moves not far.
+    most_in = wp.max(last.image.inside, here.image.inside)
+    if most_in < deep and (here.image.beyond & last.image.beyond) == 0:
+        if most_in + gone / wp.min(last.image.ahead, here.image.ahead) > deep:
+            for k in range(1, PIECES):
+                g = wp.float64(k) / wp.float64(PIECES)
+                centre = last.centre + g * (here.centre - last.centre)
+                between = image_reach(centre, last.axes + g * (here.axes - last.axes), half, near, sides)
+                found = found or between.inside > deep
+    return found
 
 
 @wp.kernel
-def find_appearances(
+def follow_boxes(
     # in
     boxes: Boxes,
     camera: int,
@@ -110,15 +130,17 @@ def find_appearances(
     passing: wp.array(dtype=int),
     missed: wp.array2d(dtype=wp.float64),
 ):
-    """Finds the shortest visit of a box to the image, in instants: one that begins and ends within the gap, and in
+    """Follows a box through the instants of a gap, and finds what of it may go unseen between z-buffers.
+
+    camera: its place among what moves, -1 where it stands at eye [E]. near: distance of the near plane [m]. sides:
+    least and greatest x / z, then y / z, of the image; deep: in these. scale: pixels of a slope of 1. spacing: instants
+    from one z-buffer to the next. poses [n, E, M]: at all instants, one after the other.
+
+    shortest [E]: the shortest visit of a box to the image, in instants: one that begins and ends within the gap, and in
     which it comes further in than `deep`; 0 for one that does so between two instants alone. passing [E]: PASSES where
     one is on both sides of the near plane for a while, which hides part of it from one instant to the next, TOO_FAST
     where that is within too few of them; else 0. missed [E, levels]: pixels that NARROW boxes go over unseen, on the
     average, with z-buffers `spacing` instants apart, half as far, and so on.
-
-    camera: its place among what moves, -1 where it stands at eye [E]. sides: least and greatest x / z, then y / z, of
-    the image; deep: in these. scale: pixels of a slope of 1. poses [n, E, M]: at the instants of a gap, one after the
-    other.
     """
     env, j = wp.tid()
     half = boxes.half[j]
@@ -126,61 +148,29 @@ def find_appearances(
     stay = wp.int32(0)
     far_in = wp.float64(0.0)
     zero = wp.float64(0.0)
-    last = ImageReach()
-    last.inside = -wp.float64(1.0)
-    last_centre = wp.vec3d()
-    last_axes = wp.mat33d()
+    last = BoxPlace()
     for n in range(poses.shape[0]):
         at = eye[env]
         if camera >= 0:
             at = poses[n, env, camera]
-        back = wp.transpose(turn_of(at))
-        pose = poses[n, env, boxes.mover[j]]
-        turn = back * turn_of(pose)
-        centre = turn * boxes.translation[j] + back * (
-            wp.transform_get_translation(pose) - wp.transform_get_translation(at)
-        )
-        axes = turn * boxes.rotation[j]
-        way = image_reach(centre, axes, half, near, sides)
-        if way.inside >= zero:
+        here = place_of(boxes, j, poses[n, env, boxes.mover[j]], at, near, sides)
+        if here.image.inside >= zero:
             if not before:
                 stay += 1
-                far_in = wp.max(far_in, way.inside)
+                far_in = wp.max(far_in, here.image.inside)
         else:
             if stay > 0 and far_in > deep:
                 wp.atomic_min(shortest, env, stay)
             before = wp.bool(False)
             stay = wp.int32(0)
             far_in = zero
-        gone = zero
         if n > 0:
-            gone = wp.length(centre - last_centre) + wp.length((axes - last_axes) * half)
-        shows = way.inside >= zero or last.inside >= zero
-        if gone > zero and way.inside >= zero and last.inside >= zero and wp.min(centre[2], last_centre[2]) > near:
-            narrow = narrow_way(centre, axes, half, last_centre, sides, scale)
-            if narrow.width < wp.float64(NARROW):
-                apart = spacing
-                for level in range(missed.shape[1]):
-                    part = wp.max(wp.float64(1.0) - narrow.stay / apart, zero)
-                    missed[env, level] = missed[env, level] + part * narrow.pixels
-                    apart = apart / wp.float64(2.0)
-        if shows and gone * wp.float64(poses.shape[0]) > wp.float64(QUICK) * wp.length(half):
-            cuts = -reach(wp.vec3d(zero, zero, -wp.float64(1.0)), centre, axes, half) < near
-            if cuts or ((way.beyond ^ last.beyond) & 1) == 1:
-                size = wp.float64(2.0) * wp.max(wp.max(half[0], half[1]), half[2])
-                fast = wp.float64(SWEPT) * gone > size
-                wp.atomic_max(passing, env, wp.where(fast, TOO_FAST, PASSES))
-        # What stays beyond one side all along does not come in, and what hardly moves not far.
-        most_in = wp.max(last.inside, way.inside)
-        if n > 0 and most_in < deep and (way.beyond & last.beyond) == 0:
-            if most_in + gone / wp.min(last.ahead, way.ahead) > deep:
-                for k in range(1, PIECES):
-                    g = wp.float64(k) / wp.float64(PIECES)
-                    between = image_reach(
-                        last_centre + g * (centre - last_centre), last_axes + g * (axes - last_axes), half, near, sides
-                    )
-                    if between.inside > deep:
-                        wp.atomic_min(shortest, env, 0)
-        last = way
-        last_centre = centre
-        last_axes = axes
+            gone = wp.length(here.centre - last.centre) + wp.length((here.axes - last.axes) * half)
+            inside = here.image.inside >= zero and last.image.inside >= zero
+            if gone > zero and inside and wp.min(here.centre[2], last.centre[2]) > near:
+                add_missed(narrow_way(here.centre, here.axes, half, last.centre, sides, scale), spacing, env, missed)
+            if gone * wp.float64(poses.shape[0]) > wp.float64(QUICK) * wp.length(half):
+                wp.atomic_max(passing, env, passes_near_plane(here, last, half, gone, near))
+            if comes_between(here, last, half, gone, near, sides, deep):
+                wp.atomic_min(shortest, env, 0)
+        last = here

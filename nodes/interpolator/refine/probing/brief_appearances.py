@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import warp as wp
 
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.appearance_kernels import find_appearances
+from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST, follow_boxes
 from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.interpolator.refine.probing.frustum import frustum_slopes
 from nodes.interpolator.rigid.placement import Placement
@@ -20,8 +22,24 @@ DEEP = 0.125
 """Part of the image, of its width or height, into which it comes at least."""
 
 
+@dataclass(frozen=True)
+class BriefForecast:
+    """Holds how many z-buffers per coarse interval each environment needs for what is seen briefly in a gap.
+
+    visits int64 [E]: for what is in the image for a part of the gap alone. narrow int64 [E]: for what is narrower than
+    a pixel. Both are powers of two, twice as many as there are instants where those are too few. passing bool [E]:
+    whether something passes the near plane before the image; swept bool [E]: so fast that instants show too little of
+    it.
+    """
+
+    visits: np.ndarray
+    narrow: np.ndarray
+    passing: np.ndarray
+    swept: np.ndarray
+
+
 class BriefAppearances:
-    """Finds the shortest visit of what moves by itself, in one gap after another."""
+    """Finds what of that which moves is in the image, or on a pixel, for a short time, in one gap after another."""
 
     def __init__(self, visibility: Visibility, placement: Placement) -> None:
         v, movers = visibility, placement.movers
@@ -34,17 +52,15 @@ class BriefAppearances:
         self._camera = int(camera[0]) if len(camera) else -1
         self._boxes = boxes_of(v, movers, which)[0]
 
-    def needed(
-        self, instants: Instants, poses: Poses, least: int, missed: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gives how many z-buffers per coarse interval each environment needs for them, int64 [E], powers of two, and
-        `least` at least; more than there are instants where one is too short. And int32 [E], whether something passes
-        the near plane before the image, PASSES, or does so TOO_FAST. And as the first ones, for what is narrower than a
-        pixel, and so may be on none in all z-buffers that would tell how fast it is, to go unseen over a part `missed`
-        of all pixels at most. poses: at all instants of the gap."""
+    def needed(self, instants: Instants, poses: Poses, least: int, missed: float) -> BriefForecast:
+        """Computes how many z-buffers a gap needs, `least` per coarse interval at least.
+
+        poses: at all instants of the gap. missed: part of all pixels over which what is narrower than a pixel may go
+        unseen: it may be on none in all z-buffers that would tell how fast it is.
+        """
         envs, most = poses.rest.shape[0], 1 << instants.depth
         if not self._count or self._sides is None:
-            return np.full(envs, least), np.zeros(envs, np.int32), np.full(envs, least)
+            return BriefForecast(*(np.full(envs, least) for _ in range(2)), *(np.zeros(envs, bool) for _ in range(2)))
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
         shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32, device="cpu")
@@ -55,10 +71,11 @@ class BriefAppearances:
         unseen: wp.array = wp.zeros((envs, levels), dtype=wp.float64, device="cpu")
         scale = (self._size[1] - 1) / (sides[1] - sides[0])
         given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, scale, most / least, eye, moved]
-        wp.launch(find_appearances, (envs, self._count), given, [shortest, passing, unseen], device="cpu")
+        wp.launch(follow_boxes, (envs, self._count), given, [shortest, passing, unseen], device="cpu")
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
         enough = unseen.numpy() <= missed * self._size[0] * self._size[1]
         narrow = np.where(enough.any(axis=1), least << enough.argmax(axis=1), 2 * most)
-        return np.where(found > 0, needed, 2 * most), passing.numpy(), narrow
+        passes = passing.numpy()
+        return BriefForecast(np.where(found > 0, needed, 2 * most), narrow, passes > 0, passes == int(TOO_FAST))

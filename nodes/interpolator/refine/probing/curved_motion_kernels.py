@@ -24,7 +24,7 @@ class CurvatureLimits:
     """Holds what the camera may see, and from where on a way counts as curved.
 
     camera: its place among what moves, -1 where it stands still. whole: 1 for a camera that may see in all directions.
-    sides: as of find_appearances. even: angle [rad] up to which a way is straight. late: time [instants] up to which
+    sides: as of follow_boxes. even: angle [rad] up to which a way is straight. late: time [instants] up to which
     what is off it is only early or late.
     """
 
@@ -87,7 +87,7 @@ def angle_of(turn: wp.mat33d, place: wp.vec3d, radius: wp.float64, away: wp.floa
 
 @wp.func
 def in_view(seen: Seen, radius: wp.float64, sides: wp.vec4d):
-    """Tells whether a ball reaches into the image. sides: as of find_appearances."""
+    """Tells whether a ball reaches into the image. sides: as of follow_boxes."""
     p = seen.place
     if p[2] + radius <= wp.float64(0.0):
         return False

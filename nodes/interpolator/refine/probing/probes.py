@@ -16,7 +16,6 @@ from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.displacement_kernels import BodyMotion, displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST
 from nodes.interpolator.refine.probing.brief_appearances import BriefAppearances
 from nodes.interpolator.refine.probing.curved_motion import CurvedMotion
 from nodes.interpolator.refine.probing.probe_kernels import find_brief, make_find_thin
@@ -137,9 +136,9 @@ class Probes:
         # what is in them needs.
         off = partial(self._curved_motion.needed, instants, poses, shortest, least, most)
         later = None if beside is None else beside.submit(off)
-        appearances, passing, narrow = self._appearances.needed(instants, poses, least, MISSED)
+        brief = self._appearances.needed(instants, poses, least, MISSED)
         curved = off() if later is None else later.result()
-        wanted = np.maximum(np.maximum(appearances, curved), narrow)
+        wanted = np.maximum(np.maximum(brief.visits, curved), brief.narrow)
         begun = np.where(held, least, np.minimum(wanted, most))
         # Coarse frames tell, but for what is in the image between them alone, or is faster there than at them.
         looked_at = coarse * np.where(begun > least, begun, 1)
@@ -149,10 +148,10 @@ class Probes:
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
         if between:
-            looked_at = np.where((appearances > least) | self._faster_between(*pairs), looked_at, coarse)
+            looked_at = np.where((brief.visits > least) | self._faster_between(*pairs), looked_at, coarse)
             pairs = pairs[: 2 if looked_at.max() > coarse else 1]
-        passes, swept = (passing > 0) & ~held, (passing == int(TOO_FAST)) & ~held
-        return ProbeForecast(least, most, begun, looked_at, wanted, appearances > least, passes, swept, pairs)
+        passing, swept = brief.passing & ~held, brief.swept & ~held
+        return ProbeForecast(least, most, begun, looked_at, wanted, brief.visits > least, passing, swept, pairs)
 
     def draw(
         self, ahead: ProbeForecast | None, instants: Instants, poses: Poses, gap: Span, albedo_scale: wp.array

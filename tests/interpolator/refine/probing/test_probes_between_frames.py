@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from refine_rig import keyframes_of_gap
-from rigid_rig import FOCAL, GAP, START, closed_form, luminance, painted, plain, pose, quad, world
+from rigid_rig import FOCAL, GAP, HEIGHT, START, closed_form, luminance, painted, plain, pose, quad, world
 
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Material, Mesh
@@ -67,13 +67,26 @@ def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
     assert drawn(gap_of(passing(width, speed))) == [wanted]
 
 
-@pytest.mark.parametrize("beside", [0.0, 0.25, 0.5, 0.75])
-def test_as_many_as_what_is_on_no_pixel_is_wide(beside):
-    """A strip of 0.3 px that goes 20 px per gap is as far beside a pixel in each of the first z-buffers: whether it is
-    on one there says nothing. It is on each of them for a 67th of the gap, and so may pass a fifth of the image."""
-    found = gap_of(passing(0.3, 20, beside_px=beside))
-    assert drawn(found)[0] in (64, 128)
-    assert found.further is not None and found.further.offset.size > 1000
+# In the middle of the gap the strip is at 47.8 + beside [px], by the camera's centre; at the coarse frames, a quarter of
+# the gap apart, as far from the next pixel, for it goes whole pixels in between.
+@pytest.mark.parametrize("beside", [0.0, 0.5, 0.75])
+@pytest.mark.parametrize(("speed", "wanted"), [(20, 64), (8, 32)])
+def test_as_many_as_what_is_on_no_pixel_is_wide(speed, wanted, beside):
+    """A strip of 0.3 px is more than half of that beside a pixel in each coarse frame: whether it is on one there says
+    nothing. At 20 px per gap it is on each that it passes for a 67th of it: of 28 % of the image 32 z-buffers would
+    leave 52 % unseen, 64 leave 4 %; at 8 px of 11 % of it 16 would leave 40 %, 32 leave none. Up to 3 % of all pixels
+    may be. Every pixel that it passes has two samples for each of its edges."""
+    found = gap_of(passing(0.3, speed, beside_px=beside))
+    assert drawn(found) == [wanted]
+    assert found.further is not None and found.further.offset.size == 4 * speed * HEIGHT
+
+
+@pytest.mark.parametrize("beside", [0.1, 0.25])
+@pytest.mark.parametrize(("speed", "wanted"), [(20, 128), (8, 64)])
+def test_what_one_pixel_alone_shows_counts_as_an_eighth_of_it_wide(speed, wanted, beside):
+    """The same strip, but less than half its width beside a pixel in each coarse frame: how wide it is these do not
+    tell. Of the 160 z-buffers for 20 px there are as many as there are instants."""
+    assert drawn(gap_of(passing(0.3, speed, beside_px=beside))) == [wanted]
 
 
 def slit(width_px):
