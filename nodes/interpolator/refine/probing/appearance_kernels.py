@@ -1,10 +1,10 @@
-"""Follows boxes that move through a gap, and finds what of them is in the image, or on a pixel, for a short time."""
+"""Follows boxes through a gap, in which they or the camera move, and finds what of them is in the image, or on a pixel, for a short time."""
 
 import warp as wp
 
 from nodes.interpolator.displacement_kernels import turn_of
 from nodes.interpolator.refine.probing.box_kernels import Boxes, reach
-from nodes.interpolator.refine.probing.narrow_kernels import add_missed, narrow_way
+from nodes.interpolator.refine.probing.narrow_kernels import NARROW, add_missed, narrow_way
 
 wp.set_module_options({"enable_backward": False})
 
@@ -113,6 +113,24 @@ def comes_between(
     return found
 
 
+@wp.func
+def add_if_narrow(
+    here: BoxPlace,
+    last: BoxPlace,
+    half: wp.vec3d,
+    near: wp.float64,
+    sides: wp.vec4d,
+    scale: wp.float64,
+    spacing: wp.float64,
+    env: int,
+    missed: wp.array2d(dtype=wp.float64),
+):
+    """Adds the pixels that a box goes over unseen between two instants to `missed` of an environment, if it is in the
+    image at both and NARROW; other arguments as of follow_boxes."""
+    if wp.min(here.centre[2], last.centre[2]) > near:
+        add_missed(narrow_way(here.centre, here.axes, half, last.centre, sides, scale), spacing, env, missed)
+
+
 @wp.kernel
 def follow_boxes(
     # in
@@ -167,10 +185,47 @@ def follow_boxes(
         if n > 0:
             gone = wp.length(here.centre - last.centre) + wp.length((here.axes - last.axes) * half)
             inside = here.image.inside >= zero and last.image.inside >= zero
-            if gone > zero and inside and wp.min(here.centre[2], last.centre[2]) > near:
-                add_missed(narrow_way(here.centre, here.axes, half, last.centre, sides, scale), spacing, env, missed)
+            if gone > zero and inside:
+                add_if_narrow(here, last, half, near, sides, scale, spacing, env, missed)
             if gone * wp.float64(poses.shape[0]) > wp.float64(QUICK) * wp.length(half):
                 wp.atomic_max(passing, env, passes_near_plane(here, last, half, gone, near))
             if comes_between(here, last, half, gone, near, sides, deep):
                 wp.atomic_min(shortest, env, 0)
+        last = here
+
+
+@wp.kernel
+def follow_still_boxes(
+    # in
+    boxes: Boxes,
+    camera: int,
+    near: wp.float64,
+    sides: wp.vec4d,
+    scale: wp.float64,
+    spacing: wp.float64,
+    every: int,
+    rest: wp.array2d(dtype=wp.transformd),
+    way: wp.array(dtype=wp.float64),
+    poses: wp.array3d(dtype=wp.transformd),
+    # out
+    missed: wp.array2d(dtype=wp.float64),
+):
+    """Follows a box that stands still before a camera that moves, and adds to `missed` what of it may go unseen.
+
+    every: instants from one at which it is looked at to the next. rest: poses of the bodies of `boxes` in each
+    environment. way [E]: how far the camera goes in the gap [m]. Other arguments as of follow_boxes.
+    """
+    env, j = wp.tid()
+    zero = wp.float64(0.0)
+    half = boxes.half[j]
+    last = BoxPlace()
+    for n in range(0, poses.shape[0], every):
+        here = place_of(boxes, j, rest[env, boxes.mover[j]], poses[n, env, camera], near, sides)
+        if n == 0:
+            # From nowhere on the camera's way is it narrower than its least side from as far away as it can be.
+            away = wp.length(here.centre) + way[env]
+            if wp.float64(2.0) * scale * wp.min(half) >= wp.float64(NARROW) * away:
+                return
+        elif here.image.inside >= zero and last.image.inside >= zero:
+            add_if_narrow(here, last, half, near, sides, scale, spacing / wp.float64(every), env, missed)
         last = here

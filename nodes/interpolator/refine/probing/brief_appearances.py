@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST, follow_boxes
+from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST, follow_boxes, follow_still_boxes
 from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.interpolator.refine.probing.frustum import frustum_slopes
 from nodes.interpolator.rigid.placement import Placement
@@ -20,6 +21,9 @@ TWICE = 2
 """Z-buffers in which a thing is seen that visits the image."""
 DEEP = 0.125
 """Part of the image, of its width or height, into which it comes at least."""
+
+LOOKS = 32
+"""Times per gap at which what stands still is looked at: only the camera's way counts, and there is much of it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class BriefForecast:
 
 
 class BriefAppearances:
-    """Finds what of that which moves is in the image, or on a pixel, for a short time, in one gap after another."""
+    """Finds what is in the image, or on a pixel, for a short time, in one gap after another."""
 
     def __init__(self, visibility: Visibility, placement: Placement) -> None:
         v, movers = visibility, placement.movers
@@ -51,6 +55,9 @@ class BriefAppearances:
         camera = np.flatnonzero(movers == v.camera_body)
         self._camera = int(camera[0]) if len(camera) else -1
         self._boxes = boxes_of(v, movers, which)[0]
+        # What stands still comes and goes with all that is about it, but may be on no pixel as well.
+        still = np.flatnonzero(~np.isin(geometry.body, movers)) if self._camera >= 0 else np.zeros(0, np.int64)
+        self._still, self._still_count = boxes_of(v, np.arange(-1, len(v.names)), still)
 
     def needed(self, instants: Instants, poses: Poses, least: int, missed: float) -> BriefForecast:
         """Computes how many z-buffers a gap needs, `least` per coarse interval at least.
@@ -59,7 +66,7 @@ class BriefAppearances:
         unseen: it may be on none in all z-buffers that would tell how fast it is.
         """
         envs, most = poses.rest.shape[0], 1 << instants.depth
-        if not self._count or self._sides is None:
+        if not (self._count or self._still_count) or self._sides is None:
             return BriefForecast(*(np.full(envs, least) for _ in range(2)), *(np.zeros(envs, bool) for _ in range(2)))
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
@@ -72,6 +79,14 @@ class BriefAppearances:
         scale = (self._size[1] - 1) / (sides[1] - sides[0])
         given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, scale, most / least, eye, moved]
         wp.launch(follow_boxes, (envs, self._count), given, [shortest, passing, unseen], device="cpu")
+        if self._still_count:
+            world = np.broadcast_to(se3.IDENTITY, (envs, 1, 7))
+            rest = cpu_array(np.concatenate([world, poses.rest], axis=1), wp.transformd)
+            way = np.linalg.norm(np.diff(poses.moved[:, :, self._camera, :3], axis=0), axis=-1).sum(axis=0)
+            every = -(-instants.count // LOOKS)
+            given = [self._still, self._camera, self._near, wp.vec4d(*sides), scale, most / least, every, rest]
+            given += [cpu_array(way), moved]
+            wp.launch(follow_still_boxes, (envs, self._still_count), given, [unseen], device="cpu")
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)

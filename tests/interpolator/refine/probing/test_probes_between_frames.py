@@ -81,6 +81,27 @@ def test_as_many_as_what_is_on_no_pixel_is_wide(speed, wanted, beside):
     assert found.further is not None and found.further.offset.size == 4 * speed * HEIGHT
 
 
+@pytest.mark.parametrize(("speed", "wanted"), [(20, 64), (8, 32)])
+def test_a_strip_on_no_pixel_counts_as_well_where_the_camera_moves(speed, wanted):
+    """The same strip stands still, and the camera goes as far the other way, before a wall of one colour: nothing else
+    is seen to move. On a body that could move it is the same."""
+    velocity = np.array([-speed * DEPTH / FOCAL / (GAP * 1e-9), 0.0, 0.0])
+    eye = Prescribed(pose(*(-velocity * (START + GAP / 2) * 1e-9)), [Linear(velocity)])
+    wall = (quad(8.0), plain(0.2), Prescribed(pose(z=3.0)))
+    scene = world([wall, (strip(0.3), plain(0.9), Prescribed(pose(z=DEPTH)))], camera_motion=eye)
+    found = gap_of(scene)
+    assert drawn(found) == [wanted]
+    assert found.further is not None and found.further.offset.size == 4 * speed * HEIGHT
+
+
+def test_what_stands_still_and_is_wide_asks_for_no_more_where_the_camera_moves():
+    """A strip of 4 px, and the wall, which is flat and seen from the front."""
+    eye = Prescribed(pose(), [Linear(np.array([0.5 * LEAST * DEPTH / FOCAL / (GAP * 1e-9), 0.0, 0.0]))])
+    wall = (quad(8.0), plain(0.2), Prescribed(pose(z=3.0)))
+    scene = world([wall, (strip(4.0), plain(0.9), Prescribed(pose(z=DEPTH)))], camera_motion=eye)
+    assert drawn(gap_of(scene)) == [LEAST]
+
+
 @pytest.mark.parametrize("beside", [0.1, 0.25])
 @pytest.mark.parametrize(("speed", "wanted"), [(20, 128), (8, 64)])
 def test_what_one_pixel_alone_shows_counts_as_an_eighth_of_it_wide(speed, wanted, beside):
