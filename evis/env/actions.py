@@ -31,12 +31,14 @@ class Actions:
         if normalise and free.any():
             name = self.names[int(np.argmax(free))]
             raise ValueError(f"actuator {name} has no range (ctrlrange) to normalise; give it one, or normalise=False")
+        ones = np.ones_like(self.high)
+        self._least, self._most = (-ones, ones) if normalise else (self.low, self.high)
+        with np.errstate(over="ignore"):  # a bound too large for a float32 is none
+            self._space_low, self._space_high = self._least.astype(np.float32), self._most.astype(np.float32)
 
     def space(self) -> Box:
         """Returns the space of one environment."""
-        if self.normalise:
-            return Box(-1.0, 1.0, (len(self.low),), np.float32)
-        return Box(self.low.astype(np.float32), self.high.astype(np.float32), dtype=np.float32)
+        return Box(self._space_low, self._space_high, dtype=np.float32)
 
     def controls(self, actions: Any, envs: int, ignored: np.ndarray | None = None) -> np.ndarray:
         """Computes controls float64 [E, nu] of actions [E, nu]. Raises ValueError for what is not in the space.
@@ -51,11 +53,13 @@ class Actions:
             raise ValueError(f"an action is {len(self.low)} real number(s), and not {actions!r:.60}") from None
         if values.shape != (envs, len(self.low)):
             raise ValueError(f"the action has shape {list(values.shape)}; it must be {[envs, len(self.low)]}")
-        low, high = (np.full_like(self.low, -1.0), np.ones_like(self.high)) if self.normalise else (self.low, self.high)
+        low, high = self._least, self._most
         if ignored is not None:
             values[ignored] = np.clip(0.0, low, high)
         slack = SLACK * np.where(np.isfinite(high - low), high - low, 0.0)
-        wrong = ~((values >= low - slack) & (values <= high + slack) & np.isfinite(values))
+        # Of a narrow range far from zero a bound of the space, a float32, may lie outside by more than the slack.
+        least, most = np.minimum(low - slack, self._space_low), np.maximum(high + slack, self._space_high)
+        wrong = ~((values >= least) & (values <= most) & np.isfinite(values))
         if wrong.any():
             env, unit = np.argwhere(wrong)[0]
             raise ValueError(

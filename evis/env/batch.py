@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Never
 
@@ -11,13 +12,17 @@ import numpy as np
 from gymnasium.spaces import Dict, Space
 
 from evis.env.actions import Actions
-from evis.env.observations import Frames, Moment, Observation, Setting, is_number
+from evis.env.answers import of_each, told
+from evis.env.episodes import episode_seed, last_step
+from evis.env.observations import Frames, Moment, Observation, Setting
 from evis.env.picture import Painter
 from evis.env.state import State
 from evis.env.task import Task
 from evis.env.tasks import TASKS
 from evis.runtime.clock import keyframe_stamp
+from evis.runtime.hosting.node_call import describe
 from evis.simulation.errors import Diverged, SimulationError
+from evis.simulation.run import AGAIN
 from evis.simulation.saved import SimulationState
 from evis.simulation.simulation import Simulation
 from evis.simulation.step import Step
@@ -29,6 +34,7 @@ _TAKEN = {
     "envs": "gymnasium.make_vec(..., num_envs=4) makes several",
     "outputs": "what is observed says what the simulation gives",
     "seed": "reset(seed=3) says it",
+    "action_rate": "there is an action for every step, and keyframe_rate says how many steps a second has",
 }
 """Arguments of a simulation that environments give by themselves."""
 
@@ -74,6 +80,7 @@ class Batch:
         observation: Observation | Mapping[str, Observation] | None = None,
         normalise: bool = True,
         seconds: float | None = None,
+        max_episode_steps: int | None = None,
         joints: bool = False,
         picture: bool = False,
         **arguments: Any,
@@ -86,6 +93,8 @@ class Batch:
             observation: in place of the task's.
             normalise: whether actions from -1 to 1 stand for the range of each actuator.
             seconds: when an episode is cut off, in place of the task's; 0 = never.
+            max_episode_steps: after how many steps it is cut off at the latest, as Gymnasium has it; None or -1 = no
+                such limit.
             joints: whether the state has the joints, for a reward that asks for them.
             picture: whether `paint` will be asked for.
             arguments: of the launch file and the scene, over those of the task.
@@ -94,14 +103,16 @@ class Batch:
         """
         if isinstance(task, str) and task not in TASKS:
             raise ValueError(f"there is no task '{task}'; there are {', '.join(TASKS)}")
+        if not isinstance(task, str | Task):
+            raise ValueError(f"task is {task!r:.80}; it must be a Task, or the name of one: {', '.join(TASKS)}")
         self.task: Task = TASKS[task]() if isinstance(task, str) else task
         for name, remedy in _TAKEN.items():
             if name in arguments or name in self.task.arguments:
                 raise ValueError(f"{name} is no argument of an environment; {remedy}")
         self._parts = _by_name(copy.deepcopy(self.task.observation if observation is None else observation))
         outputs = dict.fromkeys([*(part.output for part in self._parts.values()), "state"])
-        # Tells what the sensor is.
-        outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if _of_events(part))
+        # Tells what the sensor is, and how often there is something of the camera.
+        outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if _looks(part))
         given = {**self.task.arguments, **arguments, "envs": envs}
         for part in self._parts.values():
             given.update(part.ARGUMENTS)
@@ -111,14 +122,16 @@ class Batch:
         if self._painter:
             outputs |= dict.fromkeys(("keyframe", "events"))
         self.simulation = Simulation(self.task.scene, outputs=tuple(outputs), **given)
-        self.envs = envs
+        self.envs = self.simulation.envs
+        self._broken = ""
+        """Why what is observed does not go with the simulation, "" where it does."""
         try:
-            self._prepare(normalise, self.task.seconds if seconds is None else seconds)
+            self._prepare(normalise, self.task.seconds if seconds is None else seconds, max_episode_steps)
         except BaseException:
             self.simulation.close()
             raise
 
-    def _prepare(self, normalise: bool, seconds: float) -> None:
+    def _prepare(self, normalise: bool, seconds: float, most: int | None) -> None:
         simulation = self.simulation
         self.actions = Actions(simulation.actuators, normalise)
         self.action_space = self.actions.space()
@@ -138,18 +151,21 @@ class Batch:
         self.rate = simulation.keyframe_rate
         spaces: dict[str, Space[Any]] = {}
         for name, part in self._parts.items():
-            # The state is seen through no camera, and the graph may have none.
-            sees = part.OUTPUT != "state"
-            seen = simulation.scene.camera(part.camera or simulation.cameras[0]) if sees else None
-            height, width = (seen.height, seen.width) if seen else (0, 0)
+            height, width, apart = 0, 0, 1
+            if _looks(part):
+                camera = part.camera or simulation.cameras[0]
+                seen, info = simulation.scene.camera(camera), first.cameras[camera].info
+                height, width = seen.height, seen.width
+                if info is not None:
+                    apart = round(self.rate / info.keyframe_rate)
             bodies, joints = tuple(state.names), (positions, velocities)
-            spaces[name] = part.begin(Setting(self.envs, height, width, self.rate, bodies, joints, self.action_space))
+            spaces[name] = part.begin(
+                Setting(self.envs, height, width, self.rate, bodies, joints, self.action_space, apart)
+            )
         self.observation_space = spaces[""] if "" in spaces else Dict(spaces)
         self.steps = np.zeros(self.envs, np.int64)
         """Steps since each environment's reset."""
-        if not is_number(seconds) or not 0 <= seconds < np.inf:
-            raise ValueError(f"seconds is {seconds!r:.60}; an episode takes some time, or has no end with 0")
-        self._last_step = round(seconds * self.rate) if seconds else None
+        self._last_step = last_step(seconds, self.rate, most)
         self._seeds = np.zeros(self.envs, np.int64)
         self._episodes = np.zeros(self.envs, np.int64)
         """Episodes of each environment since it was given its seed."""
@@ -177,34 +193,46 @@ class Batch:
 
         The first reset is of all; later, those that go on observe what they did before. envs: their numbers. seeds: of
         each, or None: their seeds stay, and another episode of each begins. Raises ValueError for a seed that draws a
-        sensor whose events come late, and in the simulation's words for one that it cannot begin with.
+        sensor whose events come late, and in the simulation's words for one that it cannot begin with: of some, nothing
+        has happened then.
         """
+        every = len(envs) == self.envs
+        if not every:
+            self._check_going()
+        own, episodes = self._seeds.copy(), self._episodes.copy()
         if seeds is not None:
-            self._seeds[envs], self._episodes[envs] = seeds, 0
+            own[envs], episodes[envs] = seeds, 0
         else:
-            self._episodes[envs] += 1
-        given = [episode_seed(seed, episode) for seed, episode in zip(self._seeds.tolist(), self._episodes.tolist())]
-        step = self.simulation.reset(seed=[given[env] for env in envs], envs=envs.tolist())
-        try:
+            episodes[envs] += 1
+        given = [episode_seed(seed, episode) for seed, episode in zip(own[envs].tolist(), episodes[envs].tolist())]
+        # A run that is refused is none, and the one before has ended with that.
+        with self.whole(*(() if every else (SimulationError,))):
+            step = self.simulation.reset(seed=given, envs=envs.tolist())
             self._check_crossing(step)  # the scene may draw it
-        except ValueError:
-            self.simulation.reset()
-            raise
-        self.steps[envs] = 0
-        self._begun[envs] = step.stamp_ns
-        self._actions[envs] = self._rest
-        for part in self._parts.values():
-            part.forget(envs)
-        fresh = np.zeros(self.envs, bool)
-        fresh[envs] = True
-        return self._observed(step, fresh)
+            self._seeds, self._episodes = own, episodes
+            self.steps[envs] = 0
+            self._begun[envs] = step.stamp_ns
+            self._actions[envs] = self._rest
+            for part in self._parts.values():
+                part.forget(envs)
+            fresh = np.zeros(self.envs, bool)
+            fresh[envs] = True
+            observed = self._observed(step, fresh)
+            self._broken = ""
+        return observed
 
     def step(self, actions: Any, ignored: np.ndarray | None = None) -> Outcome:
-        """Acts on all environments up to the next keyframe. Raises ValueError for an action that is none.
+        """Acts on all environments up to the next keyframe. Raises ValueError for an action that is none, and behind a
+        step or reset that was left in the middle.
 
         ignored: bool [E], environments whose action nobody looks at.
         """
+        self._check_going()
         controls = self.actions.controls(actions, self.envs, ignored)
+        with self.whole(SimulationError):
+            return self._stepped(actions, controls, ignored)
+
+    def _stepped(self, actions: Any, controls: np.ndarray, ignored: np.ndarray | None) -> Outcome:
         diverged = np.zeros(self.envs, bool)
         try:
             step = self.simulation.step(controls)
@@ -219,37 +247,31 @@ class Batch:
         self.steps += 1
         state = State(step.state, self.steps / self.rate, controls)
         # One that has diverged is at its next start already, which is not to be judged.
-        reward = np.where(diverged, 0.0, self._of_each("reward", self.task.reward(state)))
-        terminated = self._of_each("terminated", self.task.terminated(state)).astype(bool) | diverged
+        reward = np.where(diverged, 0.0, of_each("reward", self.task.reward(state), self.envs))
+        terminated = of_each("terminated", self.task.terminated(state), self.envs).astype(bool) | diverged
         truncated = ~terminated & (self._last_step is not None) & (self.steps >= (self._last_step or 0))
-        info = {name: self._told(name, value) for name, value in self.task.info(state).items()}
+        info = {name: told(name, value, self.envs) for name, value in self.task.info(state).items()}
         info["diverged"] = diverged
         observed = self._observed(step, np.ones(self.envs, bool))
         return Outcome(observed, reward, terminated, truncated, info)
 
-    def _of_each(self, name: str, values: Any) -> np.ndarray:
-        """Checks what a task says of every environment [E]. Raises ValueError for another shape, which numpy would
-        spread."""
-        found = np.asarray(values)
-        if found.dtype.kind not in "biuf":
-            raise ValueError(f"{name} of the task is {values!r:.60}; it must be numbers [{self.envs}], one for each")
-        if found.shape not in ((), (self.envs,)):
-            raise ValueError(
-                f"{name} of the task has shape {list(found.shape)}; it must be [{self.envs}], one for each"
-            )
-        return found
+    @contextmanager
+    def whole(self, *refusals: type[Exception]) -> Iterator[None]:
+        """Notes where something is left in the middle, as by Ctrl-C or an error of a task: observations, rewards and
+        ends would be of another time than the simulation. refusals: errors before which nothing has happened, if the
+        simulation stands where it did.
+        """
+        stamp = self.simulation.stamp_ns
+        try:
+            yield
+        except BaseException as error:
+            if not isinstance(error, refusals) or self.simulation.stamp_ns != stamp:
+                self._broken = describe(error)
+            raise
 
-    def _told(self, name: str, value: Any) -> np.ndarray:
-        """Spreads what a task tells over all environments [E, ...]; a single value is that of each. Raises
-        ValueError."""
-        found = np.asarray(value)
-        if not found.ndim:
-            return np.repeat(found, self.envs)
-        if len(found) != self.envs:
-            raise ValueError(
-                f"info {name} of the task has shape {list(found.shape)}; its first axis must be {self.envs}"
-            )
-        return found
+    def _check_going(self) -> None:
+        if self._broken:
+            raise ValueError(f"a step or reset was left in the middle ({self._broken}){AGAIN}")
 
     def _observed(self, step: Any, fresh: np.ndarray) -> Observed:
         starts, ends = (self._begun + self._stamps(steps) for steps in (np.maximum(self.steps - 1, 0), self.steps))
@@ -273,6 +295,7 @@ class Batch:
         and for what cannot be kept."""
         if not self._seen:
             raise ValueError("nothing has begun; reset() first")
+        self._check_going()
         try:
             parts = {name: part.state() for name, part in self._parts.items()}
         except TypeError as error:
@@ -287,14 +310,16 @@ class Batch:
         other environments; nothing has happened then."""
         if {name: type(own) for name, own in self._parts.items()} != state.kinds:
             raise ValueError("the state is of environments that observe something else; make some by the same options")
-        self.simulation.restore(state.simulation)
-        for name, part in self._parts.items():
-            part.restore(state.parts[name])
-        self.task.restore(state.task)
-        for name, value in copy.deepcopy(state.kept).items():
-            setattr(self, name, value)
-        if self._painter:
-            self._painter.restore(state.painted)
+        with self.whole(SimulationError):
+            self.simulation.restore(state.simulation)
+            for name, part in self._parts.items():
+                part.restore(state.parts[name])
+            self.task.restore(state.task)
+            for name, value in copy.deepcopy(state.kept).items():
+                setattr(self, name, value)
+            if self._painter:
+                self._painter.restore(state.painted)
+            self._broken = ""
         seen = {name: values.copy() for name, values in self._seen.items()}
         return seen[""] if "" in seen else seen
 
@@ -327,16 +352,14 @@ def _by_name(observation: Any) -> dict[str, Observation]:
     return dict(observation)
 
 
+def _looks(part: Observation) -> bool:
+    """Tells whether an observation is made through a camera: the state is not, and the graph may have none then."""
+    return part.OUTPUT != "state"
+
+
 def _of_events(part: Observation) -> bool:
     """Tells whether an observation is made of events."""
     return part.OUTPUT == "events"
-
-
-def episode_seed(seed: int, episode: int) -> int:
-    """Computes the seed of the simulation for an episode: the seed itself for the first, then others drawn from it."""
-    if not episode:
-        return seed
-    return int(np.random.SeedSequence([seed, episode]).generate_state(1, np.uint64)[0] >> np.uint64(2))
 
 
 def row(observed: Observed, env: int) -> Observed:

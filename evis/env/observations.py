@@ -23,7 +23,8 @@ from evis.media.colour import luminance_of, srgb_from_linear
 class Setting:
     """Describes what an observation is made from. names: of the bodies. joints: numbers of positions and velocities.
 
-    action: the space of an action.
+    action: the space of an action. apart: steps from one output of the camera to the next, more than 1 where it has a
+    lower rate than the others.
     """
 
     envs: int
@@ -33,6 +34,7 @@ class Setting:
     names: tuple[str, ...]
     joints: tuple[int, int]
     action: Box
+    apart: int = 1
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,15 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
+def _check_seen(setting: Setting) -> None:
+    """Raises ValueError for a camera that has something only in some of the steps."""
+    if setting.apart > 1:
+        raise ValueError(
+            f"the camera gives something in every {setting.apart}. step alone, at {setting.rate / setting.apart:g} Hz; "
+            f"an observation needs it in each, {setting.rate:g} a second: leave its rate (camera_rate) out"
+        )
+
+
 def _check_count(name: str, value: Any) -> None:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name} is {value!r:.60}; it must be a whole number, 1 or more")
@@ -146,6 +157,7 @@ class VoxelGrid(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        _check_seen(setting)
         _check_count("bins", self.bins)
         check_choice("polarity", self.polarity, POLARITIES)
         check_flag("normalise", self.normalise)
@@ -175,6 +187,7 @@ class CountImage(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        _check_seen(setting)
         check_choice("polarity", self.polarity, POLARITIES)
         low = -np.inf if self.polarity == "signed" else 0.0
         self._shape = (2 if self.polarity == "split" else 1, *_pooled_size(self.pool, setting))
@@ -199,6 +212,7 @@ class TimeSurface(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        _check_seen(setting)
         if not is_number(self.tau) or not 0 < self.tau < np.inf:
             raise ValueError(f"tau is {self.tau!r:.60}; it must be a number of seconds above 0")
         self._surface = representations.TimeSurface(max(1, round(self.tau * 1e9)))
@@ -226,6 +240,7 @@ class RawEvents(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        _check_seen(setting)
         _check_count("most", self.most)
         high = [round(1e9 / setting.rate), setting.width - 1, setting.height - 1, 1]
         return Box(
@@ -260,6 +275,7 @@ class Frames(Observation):
 
     def begin(self, setting: Setting) -> Box:
         """Implements Observation.begin."""
+        _check_seen(setting)
         check_flag("grey", self.grey)
         if not is_number(self.exposure) or not 0 < self.exposure < np.inf:
             raise ValueError(f"exposure is {self.exposure!r:.60}; it must be a number above 0")

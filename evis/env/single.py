@@ -43,14 +43,15 @@ class EventEnv(gymnasium.Env):
         super().reset(seed=seed)
         if seed is None and not self._begun:
             seed = int(self.np_random.integers(2**31))
-        self._begun = True
         observed = self._batch.reset(np.arange(1), None if seed is None else np.array([seed]))
+        self._begun = True
         return row(observed, 0), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Applies the action until the next keyframe; returns observation, reward, terminated, truncated and info.
 
-        Raises ValueError for an action that is not in the space, and before the first reset.
+        Raises ValueError for an action that is not in the space, before the first reset, and behind a step or reset
+        that was left in the middle, as by Ctrl-C or an error of the task.
         """
         if not self._begun:
             raise ValueError("nothing has begun; reset() first")

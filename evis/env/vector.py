@@ -54,7 +54,7 @@ class EventVectorEnv(VectorEnv):
             raise ValueError(f"autoreset_mode is {autoreset_mode!r}; it must be {', '.join(modes[:-1])} or {modes[-1]}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self._batch = Batch(task, num_envs, picture=drawn, **options)
-        self.num_envs = num_envs
+        self.num_envs = num_envs = self._batch.envs
         self.render_mode = render_mode
         rate = self._batch.rate
         self.metadata = {"render_modes": [RENDER_MODE], "render_fps": rate, "autoreset_mode": self.autoreset_mode}
@@ -84,9 +84,10 @@ class EventVectorEnv(VectorEnv):
         super().reset(seed=single)
         if seeds is None and not self._begun:
             seeds = self.np_random.integers(2**31, size=self.num_envs)
+        observed = self._batch.reset(chosen, seeds)
         self._begun = True
         self._ended[chosen] = False
-        return self._batch.reset(chosen, seeds), {}
+        return observed, {}
 
     def _chosen(self, options: dict[str, Any]) -> np.ndarray:
         if "reset_mask" not in options:
@@ -115,13 +116,18 @@ class EventVectorEnv(VectorEnv):
     def step(self, actions: Any) -> tuple[Observed, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Applies the actions until the next keyframe; returns observations, rewards, terminated, truncated and info.
 
-        Raises ValueError for an action outside the space, and before the first reset.
+        Raises ValueError for an action outside the space, before the first reset, and behind a step or reset that was
+        left in the middle, as by Ctrl-C or an error of the task.
         """
         if not self._begun:
             raise ValueError("nothing has begun; reset() first")
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             env = int(np.argmax(self._ended))
             raise ValueError(f"environment {env} has ended; reset it with options={{'reset_mask': mask}} first")
+        with self._batch.whole(ValueError):
+            return self._stepped(actions)
+
+    def _stepped(self, actions: Any) -> tuple[Observed, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         next_step = self.autoreset_mode is AutoresetMode.NEXT_STEP
         observed, reward, terminated, truncated, values = self._batch.step(actions, self._ended if next_step else None)
         info = {name: value for name, value in values.items()}

@@ -31,6 +31,12 @@ class RequestedOutputs:
             hits = fnmatch.filter(names, glob)
             if not hits:
                 camera, _, name = glob[1:].rpartition("/")
+                cameras = dict.fromkeys(n[1:].rpartition("/")[0] for n in names if n.count("/") > 1)
+                if camera not in ("", "*", *cameras):
+                    raise ValueError(
+                        f"the graph has no output {name} of camera {camera}; it has {', '.join(cameras)}; "
+                        f"where the scene has it, cameras={[*cameras, camera]} adds it"
+                    )
                 of = f" of camera {camera}" if camera not in ("", "*") else ""
                 there = dict.fromkeys(n.strip("/").replace("/", ".") if of else n.rpartition("/")[2] for n in names)
                 raise ValueError(f"the graph has no output {name}{of}; it has {', '.join(sorted(there))}")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -28,6 +30,8 @@ from msgs.own_time import STAMP
 from nodes.physics.actuators import NO_ACTUATORS
 from nodes.physics.environments.resets import ResetRefused
 
+OWN = os.path.dirname(__file__) + os.sep
+"""Begins the names of the files of this package."""
 MOST_KEPT = 64_000_000
 """Most bytes of actions that are kept for `replay`."""
 
@@ -339,9 +343,14 @@ class Run:
     def warn(self) -> None:
         """Passes on what nodes have said, as Python's warnings, which are told once each."""
         said, self._said = self._said, []
+        stacklevel, frame = 1, sys._getframe()
+        while frame.f_back is not None and frame.f_code.co_filename.startswith(
+            OWN
+        ):  # they are told where the caller is
+            stacklevel, frame = stacklevel + 1, frame.f_back
         for name, level, text in said:
             if level != "info":
-                warnings.warn(f"{name}: {text}", SimulationWarning, stacklevel=3)
+                warnings.warn(f"{name}: {text}", SimulationWarning, stacklevel=stacklevel)
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

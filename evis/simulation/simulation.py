@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -27,6 +28,7 @@ from evis.simulation.picture import Viewer, as_html, events_over_light
 from evis.simulation.run import AGAIN, Run, kind_of
 from evis.simulation.saved import SimulationState, check_kind
 from evis.simulation.step import Step, on_host
+from evis.simulation.threads import one_at_a_time
 from msgs.own_time import CONFIGURED
 
 
@@ -41,7 +43,7 @@ class Simulation:
             step = sim.step()
             step.events.t, step.depth
 
-    Only one thread may use it at a time.
+    Only one thread may use it at a time; another is refused meanwhile.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class Simulation:
         self._closed = True
         self._process = os.getpid()
         """Of which the threads are that the run may have."""
+        self._in_use = threading.RLock()
         self._seeds: dict[int, int] = {}
         """Environment -> the seed that it was reset with, where that is not the run's and its number."""
         self._asked = parse(outputs)
@@ -148,6 +151,7 @@ class Simulation:
 
     # -- what it does ------------------------------------------------------------------------------------------------
 
+    @one_at_a_time
     def reset(self, seed: int | Sequence[int] | None = None, envs: Sequence[int] | None = None) -> Step:
         """Begins a run at time 0, or puts some environments back to their start at the present time.
 
@@ -228,6 +232,7 @@ class Simulation:
         self._run.warn()
         return step
 
+    @one_at_a_time
     def step(self, action: Any = None) -> Step:
         """Simulates up to the next keyframe, and returns the outputs of that interval.
 
@@ -249,6 +254,7 @@ class Simulation:
         finally:
             self._run.warn()
 
+    @one_at_a_time
     def run(self, seconds: float, action: Any = None) -> list[Step]:
         """Simulates so many seconds, and returns every step; the first of a run is that at keyframe 0.
 
@@ -284,6 +290,7 @@ class Simulation:
             plan = self._planner.plan_of(env, self._seeds.get(env, self._seed + env))
         return alone(step, env, {name: info_of(info, env, plan, graph.physics) for name, info in told.items()})
 
+    @one_at_a_time
     def finish(self) -> Step:
         """Ends the run, and returns what the nodes had held back: the last events of a sensor that looks ahead."""
         self._check_usable()
@@ -292,6 +299,7 @@ class Simulation:
         finally:
             self._run.warn()
 
+    @one_at_a_time
     def save(self, bag: str | Path) -> None:
         """Writes the bag that `evis launch --record` would have made of the run since time 0.
 
@@ -315,6 +323,7 @@ class Simulation:
 
     # -- its state ---------------------------------------------------------------------------------------------------
 
+    @one_at_a_time
     def state(self) -> SimulationState:
         """Keeps where all environments are, so that `restore` goes on from here, as often as wanted.
 
@@ -325,6 +334,7 @@ class Simulation:
         self._check_usable()
         return SimulationState(self.stamp_ns, self._seed, dict(self._seeds), self._run.state())
 
+    @one_at_a_time
     def restore(self, state: SimulationState) -> Step:
         """Goes on from a `state`, whatever has happened since; returns the step at whose end it was taken.
 
@@ -353,6 +363,7 @@ class Simulation:
 
     # -- how it looks ------------------------------------------------------------------------------------------------
 
+    @one_at_a_time
     def show(self, env: int = 0) -> dict[str, np.ndarray]:
         """Draws the last step, camera -> uint8 [H, W, 3]: its events over the light that the camera sees now.
 
@@ -390,12 +401,15 @@ class Simulation:
     def close(self) -> None:
         """Ends the run and releases memory and files. A second call does nothing, nor does one in a forked process,
         whose copy of the run goes with it."""
-        if not self._closed and os.getpid() == self._process:
-            self._closed = True
-            try:
-                self._run.close()
-            finally:
-                self._run.warn()  # some things are known at the end of a run only
+        if os.getpid() != self._process:
+            return
+        with self._in_use:  # waits for what another thread is in
+            if not self._closed:
+                self._closed = True
+                try:
+                    self._run.close()
+                finally:
+                    self._run.warn()  # some things are known at the end of a run only
 
     def __enter__(self) -> Self:
         return self

@@ -95,9 +95,22 @@ def test_render_shows_the_camera_with_events() -> None:
         ),
         ({"observation": [evis.env.Joints()]}, "several are observations by name"),
         ({"observation": {"": evis.env.Joints(), "events": evis.env.CountImage()}}, "by name, no name being empty"),
+        ({"max_episode_steps": 0}, "max_episode_steps is 0; it must be a whole number, 1 or more, or -1"),
+        ({"task": evis.env.Task}, "it must be a Task, or the name of one: CartPole"),
         ({"seconds": "5"}, "seconds is '5'; an episode takes some time"),
         ({"seed": 4}, r"seed is no argument of an environment; reset\(seed=3\) says it"),
         ({"envs": 4}, r"envs is no argument of an environment; gymnasium.make_vec\(..., num_envs=4\)"),
+        ({"action_rate": 25}, "action_rate is no argument of an environment; there is an action for every step"),
+        *(
+            ({"observation": seen, "camera_rate": ["cam0=25"]}, r"in every 2\. step alone, at 25 Hz; .* 50 a second")
+            for seen in (
+                evis.env.CountImage(),
+                evis.env.VoxelGrid(),
+                evis.env.TimeSurface(),
+                evis.env.RawEvents(),
+                evis.env.Frames(),
+            )
+        ),
         ({"outputs": ("events",)}, "outputs is no argument of an environment; what is observed says"),
         ({"render_mode": "human"}, "rgb_array"),
         ({"seconds": -1}, "seconds is -1; an episode takes some time"),

@@ -1,5 +1,6 @@
 """Environments of one simulation against as many simulations of one: Gymnasium's SyncVectorEnv is the truth."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -243,3 +244,59 @@ def test_every_environment_is_rendered() -> None:
 def test_a_mode_that_is_not_there_is_refused() -> None:
     with pytest.raises(ValueError, match="autoreset_mode is 'Same'; it must be NextStep, SameStep or Disabled"):
         vector("Same")
+
+
+@pytest.mark.parametrize(("steps", "seconds"), [(4, 0), (4, 0.06), (4, 1.0), (-1, 0.1)])
+def test_gymnasiums_limit_of_steps_is_that_of_its_wrapper(steps: int, seconds: float) -> None:
+    """Registered with it or made with it; a task's own time holds where it is shorter."""
+    made = {"num_envs": 2, "seconds": seconds, **SMALL}
+    own = gymnasium.make_vec("evis/CartPole-v0", max_episode_steps=steps, **made)
+    wrapped = gymnasium.make_vec("evis/CartPole-v0", max_episode_steps=steps, vectorization_mode="sync", **made)
+    for envs in (own, wrapped):
+        envs.reset(seed=1)
+    for _ in range(12):
+        mine, theirs = (envs.step(np.zeros((2, 1), np.float32)) for envs in (own, wrapped))
+        np.testing.assert_array_equal(mine[0], theirs[0])
+        np.testing.assert_array_equal(mine[3], theirs[3])
+    own.close()
+    wrapped.close()
+
+
+def test_an_environment_that_is_registered_with_a_limit_of_steps() -> None:
+    gymnasium.register(
+        "tests/Limited-v0",
+        vector_entry_point="evis.env:EventVectorEnv",
+        kwargs={"task": "CartPole", **SMALL},
+        max_episode_steps=2,
+    )
+    envs = gymnasium.make_vec("tests/Limited-v0", num_envs=2)
+    envs.reset(seed=1)
+    assert [envs.step(np.zeros((2, 1), np.float32))[3].tolist() for _ in range(2)] == [[False] * 2, [True] * 2]
+    envs.close()
+
+
+def test_a_number_of_environments_of_any_whole_type() -> None:
+    for several in (2.0, np.int64(2), "2"):
+        envs = evis.env.EventVectorEnv("CartPole", several, **SMALL)  # type: ignore[arg-type]
+        assert envs.num_envs == 2 and envs.reset(seed=1)[0].shape == (2, 2, 32, 32)
+        envs.close()
+
+
+def test_bounds_of_the_space_are_within_it(tmp_path: Path) -> None:
+    """As float32 those of a narrow range far from zero lie outside it by more than a millionth of the range."""
+    (tmp_path / "hover.xml").write_text(
+        "<mujoco><option gravity='0 0 -9.81'/><worldbody><body name='b'><joint name='j' type='slide' axis='0 0 1'/>"
+        "<geom size='0.1' mass='101.95'/></body><camera name='c' pos='0 -2 0' xyaxes='1 0 0 0 0 1'/></worldbody>"
+        "<actuator><motor joint='j' ctrlrange='1000.1 1000.2' ctrllimited='true'/></actuator></mujoco>"
+    )
+    bounds = np.array([1000.1, 1000.2])
+    assert (np.abs(bounds.astype(np.float32) - bounds) > 1e-7).all()
+    task = evis.env.Task(str(tmp_path / "hover.xml"), evis.env.Joints(), arguments=SMALL)
+    env = evis.env.EventEnv(task, normalise=False)
+    for bound, exact in zip((env.action_space.low, env.action_space.high), bounds):
+        env.reset(seed=0)
+        velocity = env.step(bound)[0][1]
+        assert velocity == pytest.approx((exact / 101.95 - 9.81) * 1 / env.unwrapped.simulation.keyframe_rate, rel=1e-3)
+    with pytest.raises(ValueError, match=r"it must be from 1000\.1 to 1000\.2"):
+        env.step(np.nextafter(np.nextafter(env.action_space.high, np.float32(2e3)), np.float32(2e3)))
+    env.close()

@@ -32,7 +32,11 @@ def arm() -> Iterator[evis.Simulation]:
         ("spinning_disk", {"omga": 3}, "did you mean 'omega'"),
         ("spinning_disk", {"omega": "fast"}, "omega"),
         ("spinning_disk", {"outputs": ["event"]}, "no output 'event'; did you mean 'events'"),
-        ("spinning_disk", {"outputs": ["cam1.events"]}, "no output events of camera cam1; it has"),
+        (
+            "spinning_disk",
+            {"outputs": ["cam1.events"]},
+            r"no output events of camera cam1; it has cam0; where the scene has it, cameras=\['cam0', 'cam1'\] adds it",
+        ),
         ("spinning_disk", {"outputs": ["labels.flw"]}, "no label 'flw'"),
         ("spinning_disk", {"outputs": ["flow"]}, r"no output 'flow'; did you mean 'labels\.flow'\?"),
         ("spinning_disk", {"outputs": ["label.flw"]}, r"no output 'label\.flw'; did you mean 'labels\.flow'\?"),
@@ -248,8 +252,10 @@ def test_what_nodes_warn_of_comes_as_warnings(tmp_path: Path) -> None:
     """A spring that the integrator cannot follow is told when the simulation is made or first steps."""
     model = tmp_path / "stiff.xml"
     model.write_text(FALLING.format(stiffness=1e9))
-    with pytest.warns(evis.SimulationWarning, match="physics: .*expect it to diverge"), evis.Simulation(model) as sim:
-        sim.reset()
+    with pytest.warns(evis.SimulationWarning, match="physics: .*expect it to diverge") as told:
+        with evis.Simulation(model) as sim:
+            sim.reset()
+    assert {warning.filename for warning in told} == {__file__}  # where a reader finds the line that it is about
 
 
 TELLER = """
