@@ -343,10 +343,9 @@ class Run:
     def warn(self) -> None:
         """Passes on what nodes have said, as Python's warnings, which are told once each."""
         said, self._said = self._said, []
+        # They are told where the caller is.
         stacklevel, frame = 1, sys._getframe()
-        while frame.f_back is not None and frame.f_code.co_filename.startswith(
-            OWN
-        ):  # they are told where the caller is
+        while frame.f_back is not None and frame.f_code.co_filename.startswith(OWN):
             stacklevel, frame = stacklevel + 1, frame.f_back
         for name, level, text in said:
             if level != "info":
