@@ -1,4 +1,4 @@
-"""Follows boxes through a gap, in which they or the camera move, and finds what of them is in the image, or on a pixel, for a short time."""
+"""Follows boxes, or the camera past them, through a gap, and finds what of them is seen for a short time."""
 
 import warp as wp
 
