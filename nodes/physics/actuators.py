@@ -77,8 +77,8 @@ def actions_without_effect(rate: Fraction, keyframe_rate: Fraction, step_ns: int
     shorter, slower = math.floor(NS / rate) / NS, float(keyframe_rate / math.ceil(keyframe_rate * step))
     return (
         f"actions come every {float(1 / rate):.6g} s and steps are {float(step):.6g} s: an action acts from the next "
-        f"step on, so that only {float(1 / (rate * step)):.3g} of them act at all; timestep:={shorter:.9g} gives each a "
-        f"step, action_rate:={slower:.9g} each step an action"
+        f"step on, so that only {float(1 / (rate * step)):.3g} of them act at all; timestep:={shorter:.9g} gives each "
+        f"a step, action_rate:={slower:.9g} each step an action"
     )
 
 
