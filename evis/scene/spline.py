@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 
 
+def apart(times: np.ndarray) -> bool:
+    """Tells whether times [K] s ascend, each in a nanosecond of its own: of closer ones nothing shows what lies between
+    them, and in the end their rates are beyond float64."""
+    return bool((np.diff(np.rint(np.asarray(times, np.float64) * 1e9)) > 0).all())
+
+
 class Spline:
     """Interpolates `values` [K, D] at `times` [K] s, ascending, by a cubic spline: twice continuously differentiable.
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
+
+from evis.runtime.clock import NS
 
 NO_ACTUATORS = "has no actuators (`actuators:` in a scene file gives them to joints of its MJCF or URDF)"
 
@@ -60,6 +64,22 @@ def check_controls_in_range(controls: np.ndarray, envs: int, actuators: Actuator
             f"an action has {controls[env, u]:.6g} for actuator '{actuators.names[u]}' of environment {env}; its range "
             f"is {actuators.low[u]:.6g} to {actuators.high[u]:.6g}"
         )
+
+
+def actions_without_effect(rate: Fraction, keyframe_rate: Fraction, step_ns: int) -> str:
+    """Tells which actions never act, as they come faster than steps; "" where each has a step.
+
+    rate: of actions, keyframe_rate: of keyframes [Hz]. step_ns: length of a step [ns].
+    """
+    step = Fraction(step_ns, NS)
+    if rate * step <= 1:
+        return ""
+    shorter, slower = math.floor(NS / rate) / NS, float(keyframe_rate / math.ceil(keyframe_rate * step))
+    return (
+        f"actions come every {float(1 / rate):.6g} s and steps are {float(step):.6g} s: an action acts from the next "
+        f"step on, so that only {float(1 / (rate * step)):.3g} of them act at all; timestep:={shorter:.9g} gives each "
+        f"a step, action_rate:={slower:.9g} each step an action"
+    )
 
 
 def _rounded(bounds: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from evis.config.params import EACH
-from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
+from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, rate
 from evis.runtime.hosting.seeds import check_seeds
 from evis.runtime.node import Node
 from evis.scene.digest import motion
@@ -27,7 +27,7 @@ from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
-from nodes.physics.actuators import NO_ACTUATORS, check_controls_in_range
+from nodes.physics.actuators import NO_ACTUATORS, actions_without_effect, check_controls_in_range
 from nodes.physics.declaration import PhysicsDeclaration
 from nodes.physics.engines.choice import EngineMaker
 from nodes.physics.engines.engine import Engine
@@ -123,6 +123,12 @@ class PhysicsNode(PhysicsDeclaration, Node):
             within = f"its last keyframe within {duration:g} s at {rate:g} keyframes a second"
             self.warn(f"the run ends at {end / NS:.6g} s, {within}")
 
+    def _say_lost_actions(self) -> None:
+        """Warns where actions come faster than steps."""
+        keyframes = rate(self.params["keyframe_rate"])
+        if lost := actions_without_effect(keyframes / self.held, keyframes, self.engine.step_ns):
+            self.warn(lost)
+
     def due(self) -> Mapping[str, int]:
         """Gives the stamp of the action for the next step, that published last, where one is due."""
         if not self.k or (self.k - 1 - self.first) % self.held:
@@ -172,7 +178,9 @@ class PhysicsNode(PhysicsDeclaration, Node):
                 self.episode += int(self.k > 0 and len(envs) == 1)
         self._asked = []
         if controls is not None:
-            self._driven |= self._held is not None and not np.array_equal(controls, self._held)
+            if not self._driven and self._held is not None and not np.array_equal(controls, self._held):
+                self._driven = True
+                self._say_lost_actions()
             self._held = controls
         ahead = not self._driven and self.k + 1 != self.count_all
         interval = self.environments.advance(self.k, controls, ahead)

@@ -57,6 +57,39 @@ def test_without_duration_it_goes_on():
     assert all(node.step({}) for _ in range(50))
 
 
+SLIDE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="slide"><joint name="j" type="slide" axis="1 0 0"/>
+<geom size=".1" mass="1"/></body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("params", [{}, {"timestep": 1e-4}, {"action_rate": 1e3}, {"physics_tolerance": [1e-3, 1e-3]}])
+def test_actions_that_no_step_follows_are_told(params, tmp_path):
+    """1 N forwards and back in turn, 10,000 times a second, on 1 kg: the velocity is the sum of the impulses, or it is
+    told that most of them never act, with the steps and the rate by which they do."""
+    (tmp_path / "slide.xml").write_text(SLIDE)
+    node = node_of(scene=str(tmp_path / "slide.xml"), keyframe_rate=1e4, **params)
+    interval, sign, impulse = 1e-9 * 100_000 * node.held, 1.0, 0.0
+    node.step({})
+    for k in range(100):
+        action = {}
+        if node.due():
+            sign = -sign if k else 1.0
+            impulse += sign * interval
+            action = {"action": Action(Header(k * 100_000, 0), np.array([[sign]]))}
+        node.step(action)
+    velocity = node.runtime.messages[-1].rows()[1][0, -1, 0, 0]
+    told = [text for text in node.runtime.warnings if "act at all" in text]
+    if node.held * 1e-4 >= params.get("timestep", 1e-3):
+        assert told == [] and abs(velocity - impulse) < 1e-12
+    else:
+        assert abs(velocity - impulse) > 1e-3
+        (text,) = told
+        assert (
+            "only 0.1 of them" in text
+            and "timestep:=0.0001 " in text
+            and text.endswith("action_rate:=1000 each step an action")
+        )
+
+
 def test_planner_learns_that_mujoco_is_not_needed():
     """With the reason, from the scene file alone."""
     assert "prescribed" in PhysicsNode.imports({"scene": "spinning_disk"})["mujoco"]

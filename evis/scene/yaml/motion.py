@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from evis.scene import motion
-from evis.scene.spline import Spline
+from evis.scene.spline import Spline, apart
 from evis.scene.yaml.reader import Fields
 
 FASTEST = 1e6
@@ -52,8 +52,8 @@ def _frequency(fields: Fields) -> float:
 def _times(fields: Fields) -> np.ndarray:
     rows = _rows(fields, "times", None)
     times = np.array([fields.number_of("times", row) for row in rows])
-    if (np.diff(times) <= 0).any():
-        raise fields.error("times", "must increase from one to the next")
+    if not apart(times):
+        raise fields.error("times", "must increase from one to the next, by a nanosecond or more")
     return times
 
 

@@ -14,7 +14,7 @@ from evis.geometry.three_turns import three_turns
 from evis.scene.motion import Motion, Turn
 from evis.scene.motion import Path as Along
 from evis.scene.sources import note
-from evis.scene.spline import Spline
+from evis.scene.spline import Spline, apart
 from evis.scene.yaml.reader import FARTHEST, Fields
 
 MOST_POSES = 100_000
@@ -81,8 +81,11 @@ def _poses(path: Path, unit: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         raise ValueError("it has no two poses, a line each: a time, x y z and a quaternion")
     values = np.array(rows)
     seconds = np.array([float((time - times[0]) / unit) for time in times])
-    if (np.diff(seconds) <= 0).any() or seconds[-1] > 1e9:
-        raise ValueError(f"its times are {times[-1] - times[0]} apart from the first to the last; is their unit right?")
+    if not apart(seconds) or seconds[-1] > 1e9:
+        raise ValueError(
+            f"its times are {times[-1] - times[0]} apart from the first to the last, and {min(np.diff(seconds)):.3g} s "
+            "from one to the next at least; is their unit right?"
+        )
     return seconds, values[:, :3], values[:, 3:]
 
 

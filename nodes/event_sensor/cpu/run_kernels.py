@@ -86,10 +86,10 @@ def make_run_margins(features: Features) -> Any:
         low = state.low_runs[index] + dark
         high = state.high_runs[index] + dark
         if wp.static(cubic):
-            reach = 3.0 * a + b
-            above = 4.0 * wp.cw_mul(a, high) - wp.cw_mul(b, reach)
-            below = 4.0 * wp.cw_mul(a, a) - wp.cw_mul(reach, low)
-            # A product of two negative numbers must not pass for a margin.
+            over = Run(0.75) + 0.25 * wp.cw_div(b, a)
+            above = high - wp.cw_mul(b, over)
+            below = a - wp.cw_mul(low, over)
+            # What a negative intensity gives must not pass for a margin.
             return wp.min(wp.min(above, below), wp.min(early, least)) + finite
         third = steepest * (longest * THIRD_NS)
         over = Run(1.0) + third + wp.cw_mul(third, third)

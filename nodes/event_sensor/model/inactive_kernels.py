@@ -42,8 +42,10 @@ def make_curve_inactive(features: Features) -> Any:
             a = wp.min(wp.min(v, following), wp.min(frequent.last, frequent.early)) + dark
             b = wp.max(wp.max(v, following), wp.max(frequent.last, frequent.early)) + dark
             inside = inside and frequent.early >= 0.0 and has_level(sensor, following)
-            inside = inside and b * (3.0 * a + b) <= 4.0 * a * (frequent.high + dark)
-            inside = inside and 4.0 * a * a >= (3.0 * a + b) * (frequent.low + dark)
+            # A ratio, and not a product of two intensities, which float32 has no room for from 1e19 on.
+            over = 0.75 + 0.25 * (b / a)
+            inside = inside and b * over <= frequent.high + dark
+            inside = inside and a >= over * (frequent.low + dark)
         if wp.static(hermite):
             # The curve lies within its Bezier points, a third of the slopes beyond the samples: e^x <= 1 + x + x^2.
             third = wp.max(wp.abs(slope), wp.abs(frequent.early)) * wp.float32(length) * THIRD_NS

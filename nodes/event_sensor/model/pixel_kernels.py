@@ -225,6 +225,7 @@ def make_sense_step(features: Features, at_once: Any = None) -> Any:
         own: PixelParameters,
         leak_event_at: wp.int64,
         active: wp.bool,
+        held: wp.bool,
         # in and out
         state: Rare,
         frequent: Frequent,
@@ -233,9 +234,13 @@ def make_sense_step(features: Features, at_once: Any = None) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Takes a pixel that has a reference through a step, if it is active in it; see take_step."""
+        """Takes a pixel that has a reference through a step, if it is active in it; see take_step.
+
+        held: the sample is the last good one in the place of a bad one, and was counted when it came.
+        """
         if active:
-            count_clipped(sensor, sample.light, counters)
+            if not held:
+                count_clipped(sensor, sample.light, counters)
             signal, known = step_signal(
                 sensor, message, step, start_before, frequent, sample, own, state.origin, levels, counters
             )
@@ -380,7 +385,7 @@ def make_sense_pixel(features: Features, at_once: Any = None) -> Any:
             step.h = wp.float64(step.now - step.start)
             step.per_h = wp.float64(1.0) / step.h
             state, frequent, levels = sense_step(
-                sensor, place, message, step, start_before, sample, own, leak_event_at, active,
+                sensor, place, message, step, start_before, sample, own, leak_event_at, active, held,
                 state, frequent, levels, keys, counters,
             )  # fmt: skip
             frequent = update_inactive_range(sensor, step, own, levels, not inactive, state, frequent)

@@ -25,6 +25,9 @@ class Engine(Protocol):
     actuators: Actuators
     """Of each environment; none where nothing can be driven."""
 
+    step_ns: int
+    """Length of a step [ns], of several models the longest; 0 where motion is in closed form."""
+
     def start(self) -> Interval:
         """Gives the state at stamp 0, S = 1."""
 

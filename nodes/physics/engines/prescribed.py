@@ -20,6 +20,7 @@ class PrescribedEngine:
     """Gives closed-form poses on the scene's sub-step grid. All environments are alike: nothing in them is random."""
 
     actuators = Actuators()
+    step_ns = 0
 
     def __init__(
         self,

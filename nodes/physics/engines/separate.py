@@ -19,6 +19,7 @@ class SeparateEngines:
         """Raises ValueError where the engines have not the same actuators."""
         self.engines = list(engines)
         self.actuators = self.engines[0].actuators
+        self.step_ns = max(engine.step_ns for engine in self.engines)
         for env, engine in enumerate(self.engines):
             if engine.actuators.count != self.actuators.count:
                 raise ValueError(

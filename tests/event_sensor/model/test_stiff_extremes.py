@@ -122,3 +122,28 @@ def test_all_pixels_at_once(crossing):
     pixel = events["y"].astype(int) * 700 + events["x"]
     assert (pixel.reshape(6, size) == np.arange(size)).all()
     assert events["p"].tolist() == [1] * 3 * size + [0] * 3 * size
+
+
+@pytest.mark.parametrize("crossing", CROSSINGS)
+@pytest.mark.parametrize("power", [-20, 62, 63, 70, 120])
+def test_light_has_no_unit(crossing, power):
+    """ln (2^k I) = ln I + k ln 2: the same events in any unit, also where the square of the light is beyond float32."""
+    t = np.arange(24)[:, None, None] * 0.05
+    rng = np.random.default_rng(8)
+    phase, rate, depth = rng.uniform(0, 6, (4, 20)), rng.uniform(1, 9, (4, 20)), rng.uniform(0.05, 1.5, (4, 20))
+    images = np.exp(2 + depth * np.sin(rate * t + phase)).astype(np.float32)
+    params = {"crossing": crossing, "threshold": 0.1, "dark_level": 0.25}
+    plain = run(images, np.arange(24) * MS, **params)
+    scaled = run(images * 2.0**power, np.arange(24) * MS, **params | {"dark_level": 0.25 * 2.0**power})
+    assert len(plain["t"]) > 1000
+    assert all(scaled[c].tolist() == plain[c].tolist() for c in COLUMNS)
+
+
+def test_a_bad_sample_is_no_dark_one():
+    """One sample below the floor comes, then NaN while the pixel is looked at: it is held, and not counted again."""
+    for params in ({}, {"refractory_us": 0.5}, {"leak_rate": 1e4}):
+        sensor = EventSensor(1, 1, threshold=0.2, **params)
+        images = np.array([1.0, 1e-9, np.nan, np.nan, np.nan], np.float32).reshape(1, 5, 1, 1)
+        sensor.process(images, np.arange(5) * MS, ONE)
+        counts = sensor.counts()
+        assert (counts["clipped"], counts["nonfinite"]) == (1, 3)

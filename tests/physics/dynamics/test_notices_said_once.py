@@ -12,7 +12,10 @@ MS = 1_000_000
 ARM = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>
 <body name="arm"><joint name="hinge" type="hinge"/><geom size=".1" mass="1"/></body></worldbody>
 <actuator><motor joint="hinge"/></actuator></mujoco>"""
-TAKEN_AS_ZERO = "a control is not finite and was taken as zero"
+TAKEN_AS_ZERO = (
+    "a control is not finite, or beyond 1e+10, and all controls were taken as zero; give smaller ones, and the "
+    "actuator more gear"
+)
 
 
 @pytest.fixture
@@ -38,6 +41,20 @@ def test_a_notice_is_said_once_and_not_each_step(engine):
     spoil(engine, 0)
     assert engine.advance(60 * MS).warnings == [(0, TAKEN_AS_ZERO)]
     assert engine.advance(70 * MS).warnings == []
+
+
+@pytest.mark.parametrize(("control", "told"), [(1e10, False), (1.001e10, True)])
+def test_a_control_that_is_too_large_takes_the_others_with_it(tmp_path, control, told):
+    """What is told is what happens: beside a huge control on a weak gear a motor of 1 N m on 1 kg m^2 does nothing."""
+    weak = (
+        '<body name="far" pos="3 0 0"><joint name="slide" type="slide"/><geom size=".1" mass="1"/></body></worldbody>'
+    )
+    more = '<motor joint="slide" gear="1e-12"/></actuator>'
+    (tmp_path / "arm.xml").write_text(ARM.replace("</worldbody>", weak).replace("</actuator>", more))
+    engine = MujocoEngine(load_scene(str(tmp_path / "arm.xml")))
+    said = engine.advance(10 * MS, np.array([[1.0, control]])).warnings
+    assert said == ([(0, TAKEN_AS_ZERO)] if told else [])
+    assert (engine.data[0].qvel == 0).all() == told
 
 
 def test_a_notice_is_not_said_again_in_the_next_episode(engine):

@@ -80,6 +80,7 @@ def test_scene_file(tmp_path):
     assert np.allclose(trajectory.twist(np.zeros(1, np.int64))[0], [1, 0, 0, 0, 0, 0])
     for old, new, words in (
         ("times: [0, 1, 2]", "times: [0, 2, 1]", "times must increase"),
+        ("times: [0, 1, 2]", "times: [0, 1e-200, 2]", "times must increase .* by a nanosecond"),
         ("times: [0, 1, 2]", "times: [0, 1]", "points has 3 entries; `times` has 2"),
         ("times: [0, 1, 2]", "times: 3", "times must be a list of 2 to 1000"),
         ("[1, 2, 0]]", "[1, 2]]", r"points is \[1, 2\]; it must be a list of 3"),

@@ -109,6 +109,7 @@ def test_motion_adds_to_it_and_a_change_of_the_file_is_seen(tmp_path):
         (GOOD + "2 0 0 0 0 0 0 0\n", "the quaternion of pose 3 has norm 0"),
         (GOOD + "2 0 0 0 0 0 0 2\n", "the quaternion of pose 3 has norm 2"),
         (GOOD + "1403636579763555584 0 0 0 0 0 0 1\n", "is their unit right?"),
+        (GOOD + "1.0000000001 0 0 0 0 0 0 1\n", "1e-10 s from one to the next at least; is their unit right?"),
     ],
 )
 def test_what_is_wrong_with_a_file(text, said, tmp_path):
