@@ -270,8 +270,8 @@ class EventSensor:
         On a CUDA device the ideal sensor has up to CALLS calls in flight: this launches the work and returns, and
         result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
         because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once. Where
-        further samples are wrong, its result() raises ValueError. defer: its events are put
-        in order beside the next call's work, for who takes its result after that.
+        further samples are wrong, its result() raises ValueError. defer: its events are put in order beside the next
+        call's work, for who takes its result after that.
         """
         batch, begins = self._take(luminance, t, episodes, dlog_dt, further, waits=not self._pipelined)
         if self._pipelined:

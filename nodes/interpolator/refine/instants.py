@@ -26,8 +26,8 @@ class Instants:
     """Describes how finely a gap is divided.
 
     coarse: K coarse intervals, each divided into 2^depth by the instants inside it, at least LEAST_LOOKS where it is
-    divided at all. per_window: coarse intervals that
-    are worked on at once. reached: whether the instants are as close as the tolerance of time asks for.
+    divided at all. per_window: coarse intervals that are worked on at once. reached: whether the instants are as close
+    as the tolerance of time asks for.
     """
 
     coarse: int

@@ -54,7 +54,7 @@ ROUGH = 4.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionForecast:
     """Holds what the motion of the bodies tells of a gap.
 
     stamps: of all instants, int64 [n] or [E, n] ns. poses: at these. probes: see Probes.foresee. parts, unseen: see
@@ -100,7 +100,7 @@ class Refinement:
         self._parts = wp.zeros((2, layout.envs), dtype=wp.int32, device=v.device)
         self.as_long_as_ns = 0
         """Length of a gap as finely as which shorter ones are divided [ns], so as to be prepared for it."""
-        self._foreseen: Motion | None = None
+        self._foreseen: MotionForecast | None = None
         """Of the gap that follows, if it is known already."""
         # A GPU has a host of many cores, which it would wait for.
         self._beside = Workers(BESIDE, "motion") if self._device.is_cuda else None
@@ -196,7 +196,7 @@ class Refinement:
         looks = max(self._looks, 1 << (-(-self._flicker.instants(length) // coarse) - 1).bit_length())
         return instants_of(length, coarse, self._tolerance_ns, self._pixels, looks, self._device.is_cpu)
 
-    def _motion(self, gap: Span, instants: Instants, evaluator: Evaluator) -> Motion:
+    def _motion(self, gap: Span, instants: Instants, evaluator: Evaluator) -> MotionForecast:
         """Works out what the bodies' motion tells of a gap, on the host alone."""
         stamps = gap.stamps(instants.count)
         poses = evaluator.places.find(stamps, gap.a, gap.b, gap.held)
@@ -205,9 +205,9 @@ class Refinement:
         if self._beside is None or not self._moved_once:
             # What compiles and loads a kernel is not for several threads at once.
             self._moved_once = True
-            return Motion(gap, stamps, poses, probes(None), *parts())
+            return MotionForecast(gap, stamps, poses, probes(None), *parts())
         light = self._beside.submit(parts)
-        return Motion(gap, stamps, poses, probes(self._beside), *light.result())
+        return MotionForecast(gap, stamps, poses, probes(self._beside), *light.result())
 
     def _prepare(self, gap: Span, stamps: np.ndarray, following: Span | None) -> None:
         """Prepares the gap after this one; stamps: of all instants of this one."""

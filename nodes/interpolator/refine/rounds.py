@@ -88,12 +88,12 @@ class Kernels:
     @classmethod
     def of(cls, rigid: Rigid) -> Kernels:
         """Makes the kernels for what there is in the scene of a `Rigid`."""
-        layout, lens, transitions = rigid.layout, rigid.visibility.lens, changes_of(rigid)
+        layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
         features = rigid.shading.features
         painted = features.textures or features.vertex_colours
         v = rigid.visibility
         textured = textured_in(rigid.shading, layout) and follows_textures(v.scene, v.geometry, v.camera_body)
-        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, textured, transitions)
+        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, textured, changes)
         # Without normals of its own nothing is round; light that comes evenly from all sides is the same at a limb.
         limbs = features.smooth and (features.lit or features.sky_map or features.gloss)
         alone = replace(features, cached=False, shadow_pass=False, grids=False, tiled=False, half=False)
@@ -102,7 +102,7 @@ class Kernels:
             make_find_transition_times(limbs),
             make_request_run_ends(layout.channels, not layout.flicker, limbs),
             make_request_runs(*how),
-            make_check(layout.channels, transitions.view),
+            make_check(layout.channels, changes.view),
             make_split(layout.channels),
             make_shade_limbs(layout.channels, alone) if limbs else None,
         )
@@ -156,7 +156,7 @@ class Rounds:
         rows, bodies = 2 * instants.per_window * layout.envs, evaluator.motions.shape[1]
         self.bends = wp.zeros((rows, bodies, instants.depth + 1), dtype=wp.vec2, device=device)
 
-    def run(self, window: Window, total: int, meanwhile: Callable[[], None], share: float = 1.0) -> Found:
+    def run(self, window: Window, total: int, meanwhile: Callable[[], None], share: float) -> Found:
         """Finds the samples of a window that the evaluator was sent the instants of; total: samples so far; meanwhile:
         what the host does before it waits; share: of the environments that have a gap, for lists to have room for what
         all of them may need.
@@ -174,6 +174,7 @@ class Rounds:
             told = self._tally.read()
             made = int(told.made.max())
             if not self._grow(told, made, total):
+                # All had room. There is more of it next time, if all environments have a gap then.
                 self._grow(told, made, made, share)
                 return Found(made, told.shaded, told.swings)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -25,6 +26,35 @@ from nodes.physics.precision.sub_steps import SubSteps
 
 PART = 1 << 18
 """Numbers of a state, of all environments and steps whose states are worked on at once: they stay in a core's cache."""
+
+
+@dataclass(frozen=True)
+class GapRequest:
+    """Asks for the steps of a gap: one from each time of `grid` [ns] in each environment that is awake.
+
+    alone: those that the batch cannot step. ahead: those whose steps were foreseen. begin_next: begins the steps after
+    these, of all that the batch steps. It is called where all these come of one call and their states are many, before
+    they are written; what is to be taken back of the steps that it began is.
+    """
+
+    grid: range
+    awake: Sequence[int]
+    alone: Set[int]
+    ahead: Set[int]
+    begin_next: Callable[[], None] | None = None
+
+
+@dataclass(frozen=True)
+class GapOutcome:
+    """Holds what is to be told of a gap's steps, whose states are in the course.
+
+    faults: of each environment that has diverged. notices: environment and text, of others. checked: the environments
+    that were stepped again with a check of each state.
+    """
+
+    faults: dict[int, str]
+    notices: list[tuple[int, str]]
+    checked: list[int]
 
 
 class GapSteps:
@@ -67,27 +97,13 @@ class GapSteps:
         self.taken = {}
         self.constrained[:] = False
 
-    def take(
-        self,
-        course: Course,
-        watch: Watch,
-        grid: range,
-        awake: Sequence[int],
-        alone: Set[int],
-        ahead: Set[int],
-        begin_next: Callable[[], None] | None = None,
-    ) -> tuple[dict[int, str], list[tuple[int, str]], list[int]]:
-        """Takes a step from each time of `grid` in the environments that are awake, and writes their states.
-
-        alone: those that the batch cannot step. ahead: whose steps were foreseen. begin_next: begins the steps after
-        these, of all that the batch steps, which it is to be called for where all come of one call and their states are
-        many, before these are written; what is to be taken back of them is. Gives the fault of each environment that
-        has diverged, what is to be told of others, and those that were stepped again with checks.
-        """
-        single = [k for k in awake if self._batch is None or k in alone]
-        batched = [k for k in awake if k not in single]
+    def take(self, course: Course, watch: Watch, request: GapRequest) -> GapOutcome:
+        """Takes the steps of a gap, and writes their states to the course; watch: what looks for faults in them."""
+        grid, begin_next = request.grid, request.begin_next
+        single = [k for k in request.awake if self._batch is None or k in request.alone]
+        batched = [k for k in request.awake if k not in single]
         # Those that were foreseen may have been taken in one call, and the others in another.
-        parts = [k for k in batched if k in ahead], [k for k in batched if k not in ahead]
+        parts = [k for k in batched if k in request.ahead], [k for k in batched if k not in request.ahead]
         if self._recorded is None or single or not parts[0] or parts[1] or course.paths.kept:
             begin_next = None
         odd = [k for part in parts for k in self._together(course, watch, part, grid, begin_next)]
@@ -102,13 +118,13 @@ class GapSteps:
                 faults[k] = found.fault
             self.constrained[k] = self._data[k].nefc > 0
             course.write(np.array([k]), found.state)
-        return faults, notices, odd
+        return GapOutcome(faults, notices, odd)
 
     def _together(
         self, course: Course, watch: Watch, awake: list[int], grid: range, begin_next: Callable[[], None] | None
     ) -> list[int]:
         """Steps environments at once, and writes those to the course in which nothing is wrong. Gives the others: a
-        check of each state must tell what it is. begin_next: as of `take`."""
+        check of each state must tell what it is. begin_next: as of GapRequest."""
         if not awake:
             return []
         assert self._batch is not None

@@ -31,7 +31,7 @@ from nodes.physics.dynamics.contacts import contacts_of
 from nodes.physics.dynamics.course.course import Course, CourseState
 from nodes.physics.dynamics.course.paths import KERNELS as MOVING
 from nodes.physics.dynamics.course.recorded import RecordedCourse
-from nodes.physics.dynamics.gap_steps import GapSteps
+from nodes.physics.dynamics.gap_steps import GapRequest, GapSteps
 from nodes.physics.dynamics.kept_data import KeptData
 from nodes.physics.dynamics.rest import Rest
 from nodes.physics.dynamics.sleep import is_slow, wake
@@ -393,10 +393,12 @@ class MujocoEngine:
         checked = self.checked
         if len(grid):
             begin_next = None if then_ns is None else partial(self._go_on, then_ns, keep=True)
-            faults, notices, again = self._steps.take(course, self._watch, grid, awake, self._slow, ahead, begin_next)
-            self._lacking = bool(self._foreseen & {*again})
-            self._foreseen = self._foreseen - {*again}
-            self._warnings += notices
+            request = GapRequest(grid, awake, self._slow, ahead, begin_next)
+            outcome = self._steps.take(course, self._watch, request)
+            faults, again = outcome.faults, {*outcome.checked}
+            self._lacking = bool(self._foreseen & again)
+            self._foreseen = self._foreseen - again
+            self._warnings += outcome.notices
             for k in {*range(self.envs)} - self._left:
                 self._watch.dogs[k].passed((grid[-1] + self.step_ns) * 1e-9)
             for k in sorted(faults):

@@ -1,10 +1,8 @@
-"""Counts how often things would pass a pixel between two z-buffers without being seen in either, and how often what is
-painted on them would between two instants."""
-
-from functools import cache
+"""Finds z-buffers between the frames of a gap in their order, and counts what a pixel shows in one of them alone."""
 
 import warp as wp
 
+<<<<<<< HEAD
 from nodes.interpolator.displacement_kernels import BodyMotion, displaced
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.displacement_kernels import make_displacement
@@ -224,6 +222,12 @@ def make_find_thin(lens: str) -> wp.Kernel:
 
     return find_thin
 
+=======
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+>>>>>>> d5065d723cf79ec5948e4338689b084ed4e4efd5
 
 @wp.func
 def probe_image(coarse: int, k: int, i: int, parts: int):

@@ -18,7 +18,8 @@ from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.brief_appearances import BriefAppearances
 from nodes.interpolator.refine.probing.curved_motion import CurvedMotion
-from nodes.interpolator.refine.probing.probe_kernels import find_brief, make_find_thin
+from nodes.interpolator.refine.probing.probe_kernels import find_brief
+from nodes.interpolator.refine.probing.thin_kernels import make_find_thin
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.raster.visibility import Visibility

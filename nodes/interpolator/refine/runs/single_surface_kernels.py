@@ -41,7 +41,6 @@ from nodes.renderer.raster.lens.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
-
 BESIDE = wp.constant(2.5)
 """Change of ln I over a coarse interval, of `straight`, by which light alone may differ from what textures tell."""
 
@@ -49,7 +48,7 @@ BESIDE = wp.constant(2.5)
 @cache
 def make_predict(channels: int) -> Any:
     """Makes the function `predict`; channels: 1 (luminance) or 3 (RGB)."""
-    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    pixel = pixel_type(channels)
     Requests: Any = make_requests(channels)
 
     @wp.func
@@ -100,10 +99,8 @@ def make_request_single_surface(
     Keyframes: Any = make_keyframes(channels, waveform_count)
     Requests: Any = make_requests(channels)
     CoarseFrames: Any = make_coarse_frames(channels)
-    request, request_marks = (
-        make_request(channels),
-        make_request_marks(channels, waveform_count) if waveform_count else None,
-    )
+    request = make_request(channels)
+    request_marks = make_request_marks(channels, waveform_count) if waveform_count else None
     request_run = make_request_run(lens, channels, waveform_count, relit, painted, textured, changes)
     light_is_even = make_light_is_even(changes)
     predict = make_predict(channels) if textured else None

@@ -53,10 +53,10 @@ class Transitions:
     """Holds a list of changes from one surface to another.
 
     job: index of the pixel in ChangingPixels. low: the last instant of the old surface. before, after: z-buffer entries
-    at `low` and at the next instant. later: time of the change, in PARTS after `low`. following: index of
-    the next change between the same probes, -1 = none. limb: where it is at the outline of something round, whose
-    light is another one there, the triangle that has the outline, and `weights` of its corners: of the old surface as
-    it is, of the new one minus 2 minus it; -1 elsewhere.
+    at `low` and at the next instant. later: time of the change, in PARTS after `low`. following: index
+    of the next change between the same probes, -1 = none. limb: where the change is at the outline of something round,
+    whose light is another one there, the triangle t that has the outline: t where it is of the old surface, -2 - t
+    where it is of the new one; -1 elsewhere. weights: of the corners of t, at that point of the outline.
 
     Of the run of the old surface: begun, the instant at which it begins, at the end of the interval where there is no
     such run; seen, the z-buffer entry there. opened, closed: where the samples at both of its ends are in the list of
