@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from nodes.interpolator.displacement_kernels import BodyMotion, displaced
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.displacement_kernels import make_displacement
 from nodes.renderer.raster.lens.view_kernels import CameraView, pixel_ray, pixel_width
@@ -169,8 +170,7 @@ def make_find_thin(lens: str) -> wp.Kernel:
         least: int,
         instants: int,
         own: wp.array(dtype=int),
-        turn: wp.array2d(dtype=wp.mat33),
-        shift: wp.array2d(dtype=wp.vec3),
+        motions: wp.array2d(dtype=BodyMotion),
         pieces: wp.array(dtype=wp.vec2i),
         instance: wp.array(dtype=int),
         albedo_scale: wp.array(dtype=float),
@@ -182,7 +182,7 @@ def make_find_thin(lens: str) -> wp.Kernel:
         unseen: missed [E, levels + 2], over all rows; then how often they pass, and how often what is painted on them
         does between two of so many instants per gap. albedo_scale: of each triangle, as of albedo_scale_of.
 
-        turn, shift [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
+        motions [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
         many such times a gap has. packed [rows, H, W]: z-buffers, from row0 on, of which an environment has own [E].
         y0: row of the image to begin with.
         """
@@ -197,7 +197,7 @@ def make_find_thin(lens: str) -> wp.Kernel:
                 body = pieces[t][0]
                 d = pixel_ray(view, x, y)
                 point = depth_of(hit) * d
-                m = turn[row, body] * point + shift[row, body]
+                m = displaced(motions, row * motions.shape[1] + body, point)
                 way = gaps[row % envs] * displacement(view, d, point, m, view.near)
                 speed = wp.length(way)
                 if speed > float(instants) and wp.isfinite(speed):

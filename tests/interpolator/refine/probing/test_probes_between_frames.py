@@ -68,11 +68,7 @@ def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
 
 
 # In the middle of the gap the strip is at 47.8 + beside [px], by the camera's centre; at the coarse frames, a quarter
-<<<<<<< HEAD
 # of the gap apart, as far from the next pixel, for it goes whole pixels in between.
-=======
-# of the gap apart, it is as far from the next pixel, for it goes whole pixels in between.
->>>>>>> d5065d723cf79ec5948e4338689b084ed4e4efd5
 @pytest.mark.parametrize("beside", [0.0, 0.5, 0.75])
 @pytest.mark.parametrize(("speed", "wanted"), [(20, 64), (8, 32)])
 def test_as_many_as_what_is_on_no_pixel_is_wide(speed, wanted, beside):
