@@ -7,7 +7,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from evis.console.open_files import with_remedy
+from evis.console.process_limits import with_remedy
 from evis.console.printable import printable, printable_lines
 
 READER_GONE = 128 + signal.SIGPIPE

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from evis.console.open_files import with_remedy
+from evis.console.process_limits import with_remedy
 from evis.console.termination import STATUS
 from evis.runtime.plan import NodePlan
 from evis.runtime.whereabouts import node_in

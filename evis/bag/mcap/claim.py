@@ -20,9 +20,9 @@ def claim(path: Path) -> tuple[int, Path | None]:
     """Opens a new file at `path`, and returns its descriptor and the place of an older one (None where there was none).
 
     The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, and has its name again
-    where the new one cannot be made. A bag without any message, as a run leaves that failed at its start, is not kept. A symbolic link stays: what
-    it leads to is written, and put aside there. Raises BagError, also for a bag that another process still records.
-    Who may read the bag is what the user's umask says.
+    where the new one cannot be made. A bag without any message, as a run leaves that failed at its start, is not kept.
+    A symbolic link stays: what it leads to is written, and put aside there. Raises BagError, also for a bag that
+    another process still records. Who may read the bag is what the user's umask says.
     """
     check_name(path)
     name, path = path, written_at(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from evis.bus import PeerLost
-from evis.console.open_files import with_remedy
+from evis.console.process_limits import with_remedy
 from evis.runtime.profile import Profile
 
 
