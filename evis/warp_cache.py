@@ -36,7 +36,7 @@ def renew_damaged() -> None:
                         path.unlink()
         return compile_(self, device, output_dir, output_name, *args, **options)
 
-    context.Module._compile = compile_unless_whole
+    context.Module._compile = compile_unless_whole  # type: ignore[method-assign, assignment]
 
 
 def _is_whole(path: Path) -> bool:

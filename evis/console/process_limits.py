@@ -11,7 +11,8 @@ _PLENTY = 4096
 
 def with_remedy(text: str) -> str:
     """Adds the limit and how to raise it to an error's text that says, from whatever library, that the process came to
-    it: of open files, of the size of a file, of memory. Leaves all other texts, and those where there is no limit."""
+    it: of open files, of the size of a file, of memory, of processes. Leaves all other texts, and those where there is
+    no limit."""
     if os.strerror(errno.EMFILE) in text:
         limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
         more = _PLENTY if limit < _PLENTY else 4 * limit
@@ -20,7 +21,20 @@ def with_remedy(text: str) -> str:
         return _added_to_bytes(text, "f", "a file", resource.RLIMIT_FSIZE)
     if any(words in text for words in (os.strerror(errno.ENOMEM), "Unable to allocate", "Failed to allocate")):
         return _added_to_bytes(text, "v", "a process", resource.RLIMIT_AS)
+    if any(words in text for words in (os.strerror(errno.EAGAIN), "can't start new thread")):
+        limit = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+        if limit != resource.RLIM_INFINITY:
+            fewer = "fewer where a container or service limits them"
+            return _added(text, "u", f"a user may have {limit} processes and threads, {fewer}")
     return text
+
+
+def cpu_time() -> str:
+    """Tells the limit of a process's time on a CPU; "" where there is none."""
+    limit = resource.getrlimit(resource.RLIMIT_CPU)[0]
+    if limit == resource.RLIM_INFINITY:
+        return ""
+    return f"a process may have {limit} s of a CPU (ulimit -t): allow more, as by `ulimit -t unlimited`"
 
 
 def _added_to_bytes(text: str, option: str, what: str, kind: int) -> str:
