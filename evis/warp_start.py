@@ -20,19 +20,23 @@ def start_warp() -> None:
     """
     import warp as wp
 
+    from evis.warp_cache import renew_damaged
     from evis.warp_headers import share_headers
 
     wp.config.log_level = wp.LOG_WARNING
     if wp.config.cpu_compiler_flags:
         wp.config.cpu_compiler_flags = wp.config.cpu_compiler_flags.replace(*INLINED)
+    given = wp.config.kernel_cache_dir
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)  # the native part writes there itself
         wp.init()
         share_headers()
+        renew_damaged()
     except OSError as error:
         folder = wp.config.kernel_cache_dir or error.filename
+        wp.config.kernel_cache_dir = given  # else the next start takes this folder for the one above it
         raise OSError(
             f"compiled kernels cannot be kept in {folder} ({error.strerror}): "
             "set WARP_CACHE_PATH or XDG_CACHE_HOME to a folder that can be written"

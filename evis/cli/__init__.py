@@ -7,12 +7,11 @@ rooms by what they are about: `graph/`, `events/`, `machine/`.
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 from types import ModuleType
 
-from evis.console import interrupt
+from evis.console import interrupt, working_folder
 
 COMMANDS = {
     "launch": ("graph.launch", "start a graph of nodes"),
@@ -73,10 +72,8 @@ def _command(words: list[str], debug: bool) -> int:
         print(f"evis {version('evis')}")
         return 0
     command, rest = words[0], words[1:]
-    try:
-        os.getcwd()
-    except FileNotFoundError:  # what needs it later, Python itself too, would not say what is missing
-        print("evis: the folder that this runs in was removed; `cd` to another one", file=sys.stderr)
+    if working_folder.is_removed():  # what needs it later, Python itself too, would not say what is missing
+        print(f"evis: {working_folder.REMOVED}", file=sys.stderr)
         return 1
     if command in COMMANDS:
         return _run(command, rest, debug)

@@ -7,8 +7,9 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from evis.console.open_files import with_remedy
 from evis.console.printable import printable, printable_lines
+from evis.console.process_limits import with_remedy
+from evis.console.working_folder import REMOVED, is_of_removed
 
 READER_GONE = 128 + signal.SIGPIPE
 """Exit status when the work is done but whoever was to read standard output had gone: 141, as shells have it."""
@@ -55,6 +56,8 @@ def _told(who: str, text: str, status: int) -> int:
 
 def one_line(error: BaseException) -> str:
     """Describes an exception in one line for a person; names its type only where the text alone would not do."""
+    if is_of_removed(error):
+        return REMOVED
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return with_remedy(f"{error.filename}: {error.strerror}")
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)

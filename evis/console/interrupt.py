@@ -56,7 +56,10 @@ def _send_again(number: int) -> None:
 
 
 def begin() -> None:
-    """Lets SIGTERM, as `timeout`, `docker stop` and batch systems send it, end the program in order, as Ctrl-C does."""
+    """Lets SIGTERM, as `timeout`, `docker stop` and batch systems send it, end the program in order, as Ctrl-C does.
+
+    SIGCHLD is no longer ignored where who started the program had it so: the system would forget how its processes end.
+    """
     if IS_PROGRAM:
         import signal
         import time
@@ -70,6 +73,7 @@ def begin() -> None:
                 raise KeyboardInterrupt(number)
 
         signal.signal(signal.SIGTERM, ask)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
 
 
 def no_more() -> None:

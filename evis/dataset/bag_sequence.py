@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -66,7 +67,8 @@ def _all_or_nothing(out: Path) -> Iterator[None]:
         if empty:
             for path in out.iterdir() if was_there else [out]:
                 shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-        number = refused_by_place(error)
+        too_large = errno.EFBIG if os.strerror(errno.EFBIG) in str(error) else 0
+        number = refused_by_place(error) or too_large
         if not number:
             raise
         raise OSError(

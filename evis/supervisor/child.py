@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from evis.console.open_files import with_remedy
+from evis.console.process_limits import cpu_time, with_remedy
 from evis.console.termination import STATUS
 from evis.runtime.plan import NodePlan
 from evis.runtime.whereabouts import node_in
@@ -33,6 +33,8 @@ _REMEDIES = {
 }
 
 _LAST_LINES = 12
+_COMPILER_FAILED = "LLVM ERROR: IO failure"
+_COMPILED = "make room for compiled kernels, or set WARP_CACHE_PATH to a folder on another disk"
 
 
 @dataclass
@@ -125,13 +127,25 @@ class Child:
                 number = signal.Signals(-code)
             except ValueError:
                 return f"{self._title_at_end} was ended by signal {-code}"
-            if number == signal.SIGABRT:  # libzmq ends a process that may open no more files
-                for line in self.last_lines(_LAST_LINES):
-                    if (told := with_remedy(line)) != line:
-                        return f"{self._title_at_end} was ended by {number.name}: {told}"
+            # libzmq ends a process that may open no more files
+            if number == signal.SIGABRT and (told := self._limit_told()):
+                return f"{self._title_at_end} was ended by {number.name}: {told}"
             remedy = _REMEDIES.get(number, "its last words are in the lines above")
+            if number in (signal.SIGKILL, signal.SIGXCPU) and (limit := cpu_time()):
+                remedy = f"{limit}; {remedy}" if number == signal.SIGKILL else limit
             return f"{self._title_at_end} was ended by {number.name}; {remedy}"
+        if told := self._limit_told():
+            return f"{self._title_at_end} ended with exit status {code}: {told}"
         return f"{self._title_at_end} ended with exit status {code} and no message"
+
+    def _limit_told(self) -> str:
+        """Returns the line of its last ones that tells of a limit to which it came, with the remedy; "" for none."""
+        for line in self.last_lines(_LAST_LINES):
+            if _COMPILER_FAILED in line:
+                return f"{line}; {_COMPILED}"
+            if (told := with_remedy(line)) != line:
+                return told
+        return ""
 
     def last_lines(self, count: int) -> list[str]:
         """Returns the end of its log."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -48,6 +49,17 @@ def test_one_line_and_nothing_is_left(tmp_path: Path, layout: str, there: bool) 
     told = done.stderr.splitlines()
     assert len(told) == 1 and told[0].startswith(f"evis bag: {out}: No space left on device; nothing is left of it")
     assert done.stdout.split() == ([f"{disk}:", "out", f"{out}:"] if there else [f"{disk}:"])
+
+
+@pytest.mark.parametrize("layout", ["dsec", "npz"])
+def test_a_limit_of_file_sizes_is_told_as_a_full_disk(tmp_path: Path, layout: str) -> None:
+    """HDF5 tells of it in its text alone."""
+    path, out = bag(tmp_path / "a.mcap"), tmp_path / "out"
+    words = [sys.executable, "-m", "evis", "bag", "export", str(path), "--layout", layout, str(out)]
+    done = subprocess.run(["prlimit", "--fsize=20000", *words], capture_output=True, text=True)
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert done.stderr.startswith(f"evis bag: {out}: File too large; nothing is left of it")
+    assert "(ulimit -f)" in done.stderr and not out.exists()
 
 
 def test_what_a_layout_cannot_hold_leaves_nothing(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import psutil
@@ -38,8 +38,8 @@ def launch(runtime: Path) -> Iterator[Callable[..., Launcher]]:
     """Start launchers."""
     started: list[Launcher] = []
 
-    def starter(path: Path, *words: str, patient: bool = False) -> Launcher:
-        launcher = Launcher(path, *words, patient=patient)
+    def starter(path: Path, *words: str, patient: bool = False, before: Sequence[str] = ()) -> Launcher:
+        launcher = Launcher(path, *words, patient=patient, before=before)
         started.append(launcher)
         return launcher
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from evis.bus import PeerLost
-from evis.console.open_files import with_remedy
+from evis.console.process_limits import with_remedy
+from evis.console.working_folder import REMOVED, is_of_removed
 from evis.runtime.profile import Profile
 
 
@@ -19,6 +20,8 @@ class NodeFailed(Exception):
 
 def describe(error: BaseException) -> str:
     """Describes an error in one line for a person."""
+    if is_of_removed(error):
+        return REMOVED
     text = with_remedy(str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error))
     if isinstance(error, (ValueError, OSError, KeyError, PeerLost)) and text:
         return text

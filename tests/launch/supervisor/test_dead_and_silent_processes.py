@@ -59,6 +59,12 @@ def test_a_killed_node_is_named_with_signal_and_remedy(
     nothing_left(launcher, runtime)
 
 
+def test_a_killed_node_is_named_where_sigchld_is_ignored(chain: Path, launch: Launch) -> None:
+    """As by some programs that start others: the system then forgets how a process has ended."""
+    code, _, err = launch(chain, "die_at:=20", before=["env", "--ignore-signal=CHLD"]).end()
+    assert code == 1 and err.splitlines()[-1].startswith("evis launch: relay was ended by SIGKILL"), err
+
+
 def test_kill_9_of_the_launcher_leaves_nothing(chain: Path, launch: Launch, runtime: Path) -> None:
     launcher = launch(chain)
     launcher.wait_for(lambda: running(launcher))

@@ -54,6 +54,18 @@ def test_the_limit_of_open_files_is_named(limit: int, chain: Path, runtime: Path
     assert last.endswith(f"; a process may have {limit} (ulimit -n): allow more, as by `ulimit -n 4096`")
 
 
+def test_the_limit_of_file_sizes_is_named(chain: Path, runtime: Path) -> None:
+    """To make room on the disk, which has plenty, would not help."""
+    command = [sys.executable, "-m", "evis", "launch", str(chain), "n:=5"]
+    environment = {**os.environ, "PYTHONPATH": str(HERE)}
+    done = subprocess.run(
+        ["prlimit", "--fsize=2048", *command], env=environment, capture_output=True, text=True, timeout=LIMIT_S
+    )
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1 and "File too large" in last, done.stderr
+    assert last.endswith("; a file may have 2048 bytes (ulimit -f): allow more, as by `ulimit -f unlimited`")
+
+
 def test_nobody_steps_before_all_are_ready(write: Write, launch: Launch, tmp_path: Path) -> None:
     first, late = tmp_path / "first", tmp_path / "late"
     path = write(
