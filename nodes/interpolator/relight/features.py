@@ -17,8 +17,8 @@ class LightChanges:
 
     relative: surfaces and lights may move against each other. shadows: something that moves may throw a shadow. view:
     there are glossy surfaces, and they or the camera move. indirect: light comes over other surfaces, some of which
-    move. facets: what has shading normals moves under lamps. directional, point, spot, area: kinds of light; mapped:
-    the sky is a map.
+    move. facets: what has shading normals moves under lamps. lamps: lamps move. directional, point, spot, area: kinds
+    of light; mapped: the sky is a map.
     """
 
     relative: bool = False
@@ -26,6 +26,7 @@ class LightChanges:
     view: bool = False
     indirect: bool = False
     facets: bool = False
+    lamps: bool = False
     directional: bool = False
     point: bool = False
     spot: bool = False
@@ -34,8 +35,8 @@ class LightChanges:
 
     @property
     def passes(self) -> bool:
-        """Tells whether shadows or beams may come over what stands still, and go."""
-        return self.shadows or (self.spot and self.relative)
+        """Tells whether shadows, beams or lamps may come over what stands still, and go."""
+        return self.shadows or self.lamps or (self.spot and self.relative)
 
     @property
     def changes_lamps(self) -> bool:
@@ -65,6 +66,7 @@ def light_changes(scene: Scene, camera_body: int, paths: bool) -> LightChanges:
         view=mirrored and gloss and (instances or lamps or not is_static(scene, camera_body)),
         indirect=paths and (instances or lamps),
         facets=bool(scene.lights) and shown_round,
+        lamps=lamps,
         directional="directional" in kinds,
         point="point" in kinds,
         spot="spot" in kinds,

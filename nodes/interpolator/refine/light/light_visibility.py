@@ -1,4 +1,4 @@
-"""Finds shadows and beams that pass between two frames: how often to test for them, and at which parts pixels
+"""Finds shadows, beams and lamps that pass between two frames: how often to test for them, and at which parts pixels
 change."""
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.light.assemblies import Assemblies, thinnest_between
 from nodes.interpolator.refine.light.box_shadows import BoxShadows
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
+from nodes.interpolator.refine.light.lamp_turns import LampTurns
 from nodes.interpolator.refine.light.light_visibility_kernels import make_find_light_changes
 from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_oscillations, find_shortest_shadows
 from nodes.interpolator.refine.light.silhouettes import finest_halves
@@ -53,8 +54,8 @@ class LightVisibility:
     """Finds when lamps stop to shine on what pixels see, and begin to: `bits` uint64 [intervals E, h, w] of one window
     after another, as of find_light_changes.
 
-    Only where a shadow of something thin and fast, or a beam that turns, may be gone again before the next look: half a
-    coarse interval is close enough for all others.
+    Only where a shadow of something thin and fast, a beam that turns, or a lamp that goes to and fro, may be gone again
+    before the next look: half a coarse interval is close enough for all others.
     """
 
     def __init__(self, rigid: Rigid) -> None:
@@ -73,6 +74,7 @@ class LightVisibility:
         self._assemblies = Assemblies(v, movers, np.flatnonzero(moving & asked), rigid.placement.worlds)
         self._box_shadows = BoxShadows.of(v, movers, np.flatnonzero(moving & asked), fine)
         self._facets = Facets(v, movers, moving & self._changes.facets)
+        self._lamp_turns = LampTurns(v, movers)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
         solid = float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
@@ -172,9 +174,13 @@ class LightVisibility:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
     def _looks_apart(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gives how far apart looks may be, float64 [E] ns: at shadows and beams, and at facets; as of `_shortest`."""
+        """Gives how far apart looks may be, float64 [E] ns: at shadows, beams and lamps, and at facets; as of
+        `_shortest`."""
         none = np.full(moved.shape[1], np.inf)
         shadows = SEEN * self._shortest(moved, rest, apart_ns) if self._changes.passes else none
+        if self._lamp_turns.any and len(moved) > 2:
+            turned = apart_ns * self._lamp_turns.shortest(moved, rest) / PER_TURN
+            shadows = np.minimum(shadows, SEEN * turned)
         if not self._facets.any or len(moved) < 2:
             return shadows, none
         return shadows, self._facets.shortest(moved, rest, apart_ns) / PER_FACET

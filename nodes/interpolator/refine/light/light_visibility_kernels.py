@@ -1,5 +1,5 @@
-"""Finds when lamps stop to shine on what pixels see, and begin to, between two frames: for something comes between, or
-for the next facet is turned otherwise."""
+"""Finds when lamps stop to shine on what pixels see, and begin to, between two frames, for something comes between or
+the next facet is turned otherwise, and when what they shine turns from more to less, for they move."""
 
 from functools import cache
 
@@ -20,9 +20,10 @@ from nodes.interpolator.refine.window_kernels import (
     probe_spacing,
     slot_row,
 )
-from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change
+from nodes.interpolator.relight.change_kernels import MOVED, SHADED, Change, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.relight.flag_kernels import make_narrow_flags
+from nodes.interpolator.relight.light_kernels import make_irradiance
 from nodes.interpolator.rigid.plan_kernels import same_surface
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.lens.view_kernels import CameraView
@@ -45,6 +46,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
     facets_between = make_facets_between(changes)
     trace_between = make_trace_between(False)
     narrow_flags = make_narrow_flags(changes)
+    log_irradiance, _ = make_irradiance(changes)
 
     @wp.func
     def probe_entry(params: WindowParameters, scene: WindowScene, px: PixelInterval, i: int, end: wp.uint64):
@@ -67,7 +69,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
         light_changes: wp.array3d(dtype=wp.uint64),
     ):
         """Sets bit n of a pixel [intervals E, h, w] where other lamps shine on its surface at the end of part n of a
-        coarse interval than at its beginning.
+        coarse interval than at its beginning, or where ln of the irradiance turns at its end, under lamps that move.
 
         Where an environment has no parts none is set. Of several parts that shadows are looked for at both ends of,
         those at these ends stand for all. span: pixels of a thread.
@@ -100,6 +102,10 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
             turned = NOTHING
             asked = wp.int32(MISS)
             flag = wp.int32(0)
+            low = float(0.0)
+            high = float(0.0)
+            turn_at = wp.int32(0)
+            heading = wp.int32(0)
             step = wp.where(facets == 0, every, 1)
             k = wp.where(parts == 0 or (casts == 0 and facets == 0), parts + 1, 0)
             before = ends.before
@@ -145,6 +151,28 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                             now = hidden_lamps(change, flag, there, hit, px.d)
                         if known and now != hidden and same_surface(last, hit, scene.targets.pieces):
                             bits = bits | (ONE << wp.uint64(k - every)) | (ONE << wp.uint64(k - 1))
+                        if wp.static(changes.lamps):
+                            if t != MISS and (flag & MOVED) != 0:
+                                s = point_of(change, change.casters, there, hit, depth_of(hit) * px.d)
+                                e = log_irradiance(change, there, s)
+                                if not known or not same_surface(last, hit, scene.targets.pieces):
+                                    low = e
+                                    high = e
+                                    heading = 0
+                                if (e > high and heading >= 0) or (e < low and heading <= 0):
+                                    turn_at = k
+                                low = wp.min(low, e)
+                                high = wp.max(high, e)
+                                back = wp.where(heading > 0, high - e, e - low)
+                                if heading == 0:
+                                    if high - low > params.jump:
+                                        heading = wp.where(e == high, 1, -1)
+                                elif back > params.jump:
+                                    bits = bits | (ONE << wp.uint64(turn_at - 1))
+                                    heading = -heading
+                                    low = e
+                                    high = e
+                                    turn_at = k
                         known = t != MISS
                         hidden = now
                         last = hit

@@ -235,7 +235,7 @@ def make_needs_midpoint(channels: int, changes: LightChanges) -> Any:
     """Makes the function `needs_midpoint`, which tells of light that frames do not show; arguments as of
     make_request_single_surface."""
     # What light does otherwise goes on evenly, as far as frames tell.
-    passing = changes.shadows or changes.spot or changes.view
+    passing = changes.passes or changes.view
     light_may_change = make_light_may_change(changes)
     pixel = pixel_type(channels)
 
@@ -258,7 +258,7 @@ def make_needs_midpoint(channels: int, changes: LightChanges) -> Any:
         if apart(grown, pixel(0.0)) > params.jump and (not whole or apart(rise, grown) > params.bend):
             return True
         if wp.static(passing):
-            # A shadow or a highlight may have come and gone: frames alone do not tell.
+            # A shadow, a highlight or a lamp may have come and gone: frames alone do not tell.
             return light_may_change(params, scene, change, px, (params.slots + 1) // 2, ends.before)
         return False
 
