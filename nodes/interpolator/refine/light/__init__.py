@@ -7,12 +7,7 @@
   the widths of meshes and their holes (`silhouettes.py`, `silhouette_kernels.py`), of boxes and flat things
   (`box_shadows.py`, `box_shadow_kernels.py`), of gaps between things that move as one (`assemblies.py`), and from their
   speed (`shadow_time_kernels.py`).
-<<<<<<< HEAD
+- Lamps that move to and fro: `lamp_turns.py` tells how long they go one way.
 - Facets of what is shaded round: `facets.py`, `facet_kernels.py`.
 - Highlights: `highlights.py`, by how round things are: `curvature.py`.
-=======
-- Lamps that move to and fro: `lamp_turns.py` tells how long they go one way.
-- Facets of what is shaded round: `facets.py`, `facet_kernels.py`. Highlights: `highlights.py`, by
-  how round things are: `curvature.py`.
->>>>>>> 5b778b64f2dd65774a6a0a3fb67cc12d8c825ea4
 """
