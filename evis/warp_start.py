@@ -20,8 +20,15 @@ def start_warp() -> None:
     """
     import warp as wp
 
+    from evis.files.home import user_folder
     from evis.warp_headers import share_headers
 
+    asked = wp.config.kernel_cache_dir
+    if asked is None and "WARP_CACHE_PATH" not in os.environ:
+        try:
+            user_folder("XDG_CACHE_HOME", ".cache")  # without one Warp makes a folder named ~ where the program stands
+        except OSError as error:
+            raise OSError(f"compiled kernels cannot be kept: {error}, or WARP_CACHE_PATH") from None
     wp.config.log_level = wp.LOG_WARNING
     if wp.config.cpu_compiler_flags:
         wp.config.cpu_compiler_flags = wp.config.cpu_compiler_flags.replace(*INLINED)
@@ -33,6 +40,7 @@ def start_warp() -> None:
         share_headers()
     except OSError as error:
         folder = wp.config.kernel_cache_dir or error.filename
+        wp.config.kernel_cache_dir = asked  # the next start would take the folder for a parent
         raise OSError(
             f"compiled kernels cannot be kept in {folder} ({error.strerror}): "
             "set WARP_CACHE_PATH or XDG_CACHE_HOME to a folder that can be written"
