@@ -20,9 +20,19 @@ def start_warp() -> None:
     """
     import warp as wp
 
+<<<<<<< HEAD
     from evis.warp_cache import renew_damaged
+=======
+    from evis.files.home import user_folder
+>>>>>>> 7550e699ab8b1871a41033fb0fbf65214b10589e
     from evis.warp_headers import share_headers
 
+    asked = wp.config.kernel_cache_dir
+    if asked is None and "WARP_CACHE_PATH" not in os.environ:
+        try:
+            user_folder("XDG_CACHE_HOME", ".cache")  # without one Warp makes a folder named ~ where the program stands
+        except OSError as error:
+            raise OSError(f"compiled kernels cannot be kept: {error}, or WARP_CACHE_PATH") from None
     wp.config.log_level = wp.LOG_WARNING
     if wp.config.cpu_compiler_flags:
         wp.config.cpu_compiler_flags = wp.config.cpu_compiler_flags.replace(*INLINED)
@@ -36,7 +46,11 @@ def start_warp() -> None:
         renew_damaged()
     except OSError as error:
         folder = wp.config.kernel_cache_dir or error.filename
+<<<<<<< HEAD
         wp.config.kernel_cache_dir = given  # else the next start takes this folder for the one above it
+=======
+        wp.config.kernel_cache_dir = asked  # the next start would take the folder for a parent
+>>>>>>> 7550e699ab8b1871a41033fb0fbf65214b10589e
         raise OSError(
             f"compiled kernels cannot be kept in {folder} ({error.strerror}): "
             "set WARP_CACHE_PATH or XDG_CACHE_HOME to a folder that can be written"

@@ -25,6 +25,8 @@ assert _all_types
 
 MAX_HEADER = 1 << 20
 """Longest header accepted [bytes]."""
+MAX_DEPTH = 100
+"""Lists and maps within each other in a map of plain values; how deep Python itself goes depends on its version."""
 MAX_DIMS = 8
 
 MAX_PASSED = 1024
@@ -243,11 +245,15 @@ def _scalars(message_type: type[Message], value: Any) -> dict[str, Any]:
     return value
 
 
-def _is_plain(value: Any) -> bool:
-    """Numbers, text, bytes, lists, and maps by text; not msgpack's extension types."""
+def _is_plain(value: Any, depth: int = MAX_DEPTH) -> bool:
+    """Numbers, text, bytes, lists, and maps by text; not msgpack's extension types. Raises MessageError below depth."""
+    if type(value) not in (dict, list):
+        return type(value) in _PLAIN
+    if depth == 0:
+        raise MessageError("header is nested too deeply")
     if type(value) is dict:
-        return all(type(k) is str and _is_plain(v) for k, v in value.items())
-    return all(map(_is_plain, value)) if type(value) is list else type(value) in _PLAIN
+        return all(type(k) is str and _is_plain(v, depth - 1) for k, v in value.items())
+    return all(_is_plain(v, depth - 1) for v in value)
 
 
 def _descriptor(message_type: type[Message], value: Any) -> tuple[str, np.dtype, tuple[int, ...]]:

@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import TextIO
 
+from evis.files.home import user_folder
+
 MOST = 1 << 20
 """Longest log [characters]."""
 KEPT = 20
@@ -15,8 +17,8 @@ KEPT = 20
 
 
 def folder() -> Path:
-    """Returns the folder of the logs: below XDG_STATE_HOME, or ~/.local/state."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "evis" / "unsaid"
+    """Returns the folder of the logs: below XDG_STATE_HOME, or ~/.local/state. Raises OSError without a home."""
+    return user_folder("XDG_STATE_HOME", ".local/state") / "evis" / "unsaid"
 
 
 class Unsaid:

@@ -159,7 +159,9 @@ def test_a_track_of_no_known_codec_or_size_is_named(av, tmp_path):
         open_frames(tmp_path / "v.mkv")
     at = good.index(b"\xb0\x81\x40\xba\x81\x30")  # width 64 and height 48, of a byte each
     (tmp_path / "v.mkv").write_bytes(good[: at + 2] + b"\0" + good[at + 3 : at + 5] + b"\0" + good[at + 6 :])
-    with pytest.raises(FramesError, match=r"v\.mkv: its video track has no size; it is damaged"):
+    with pytest.raises(
+        FramesError, match=r"v\.mkv: (its video track has no size; it is|not frames .* or) damaged"
+    ):  # by release of ffmpeg
         open_frames(tmp_path / "v.mkv")
 
 

@@ -145,6 +145,9 @@ def _kernels() -> Finding:
 def _gpu() -> Finding:
     import warp as wp
 
+    from evis.warp_start import start_warp
+
+    start_warp()  # Warp by itself would start whatever the check of the kernels has found
     names = [f"{d.alias} {d.name}" for d in wp.get_cuda_devices()] if wp.is_cuda_available() else []
     if not names:
         return Finding("gpu", "note", "no CUDA GPU: device:=cpu is what works here")
@@ -182,7 +185,10 @@ def _browser() -> Finding:
 def _unsaid() -> Finding:
     from evis.console.unsaid import folder
 
-    logs = sorted(folder().glob("*.log"))
+    try:
+        logs = sorted(folder().glob("*.log"))
+    except OSError as error:
+        return Finding("unsaid", "note", f"what a run cannot print is lost: {error}")
     if not logs:
         return Finding("unsaid", "ok", "every run could tell its user what it had to say")
     return Finding("unsaid", "note", f"{len(logs)} run(s) lost their terminal or pipe; the newest log is {logs[-1]}")

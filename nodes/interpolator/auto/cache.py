@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.files.home import user_folder
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured
 
@@ -49,8 +50,8 @@ def path_of(setting: Setting) -> Path:
 
 
 def cache_folder() -> Path:
-    """Gives the folder in which measurements are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "evis" / "auto"
+    """Gives the folder in which measurements are kept. Raises OSError without a home."""
+    return user_folder("XDG_CACHE_HOME", ".cache") / "evis" / "auto"
 
 
 def fingerprint(setting: Setting) -> str:
