@@ -15,10 +15,11 @@ from nodes.renderer.node import RendererNode
 TURNING = "motion: [{kind: spin, axis: [0, 1, 1], rate: 2}, {kind: linear, velocity: [1, 2, 3]}]"
 
 
-def baselines(tmp_path, cameras, motion=TURNING):
+def baselines(tmp_path, cameras, motion=TURNING, origin=0.0):
     path = tmp_path / "rig.yaml"
+    stand = f"position: [{1 + origin}, {2 - origin}, 3], look_at: [{4 + origin}, {4 - origin}, 3]"
     path.write_text(
-        f"bodies:\n  rig: {{position: [1, 2, 3], look_at: [4, 4, 3], {motion}}}\ncameras:\n"
+        f"bodies:\n  rig: {{{stand}, {motion}}}\ncameras:\n"
         + "".join(f"  {name}: {{fov: 50 deg, {text}}}\n" for name, text in cameras.items())
     )
     scene = load_scene(str(path), {"width": 40, "height": 30})
@@ -47,6 +48,16 @@ def test_what_is_a_pair(tmp_path, right, want):
     found = baselines(tmp_path, {"a": "parent: rig, position: [0, 0, 0]", "b": right})
     assert found["b"] == pytest.approx(want, abs=1e-12)
     assert found["a"] == pytest.approx(0.2 if "[-0.2" in right else 0, abs=1e-12)
+
+
+@pytest.mark.parametrize("origin", [1e7, 1e8])
+def test_a_pair_far_from_the_origin_is_one(tmp_path, origin):
+    """Coordinates of a map grid are millions of metres, of which float64 keeps 1 nm; what is off by more is no pair."""
+    ulp = np.spacing(origin)
+    for aside, want in ((0, 0.2), (100 * ulp, 0)):
+        cameras = {"a": "parent: rig", "b": f"parent: rig, position: [0.2, {aside}, 0]"}
+        found = baselines(tmp_path, cameras, origin=origin)
+        assert found == {"a": 0, "b": pytest.approx(want, abs=4 * ulp)}
 
 
 def test_a_row_of_three_counts_from_the_first(tmp_path):
