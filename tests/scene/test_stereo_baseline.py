@@ -115,3 +115,26 @@ def test_the_info_says_what_the_sensor_is(preset):
     want = resolve_sensor("it", preset, {"leak_rate": 0.3})
     assert {k: v for k, v in about.items() if k in SENSOR} == {k: v for k, v in want.items() if v is not None}
     assert about["leak_rate"] == 0.3 and about["threshold"] == want["threshold"] > 0
+
+
+def test_environments_whose_rigs_are_drawn_have_a_baseline_each(tmp_path):
+    """That between the poses of their cameras; a bag has the info of each, and joins them again."""
+    from evis.bag import environments
+    from evis.simulation.simulation import Simulation
+
+    path = tmp_path / "drawn.yaml"
+    path.write_text(
+        "args: {b: {default: {from: 0.05, to: 0.2}, help: apart}}\nmaterials: {grey: {albedo: 0.5}}\n"
+        "bodies: {rig: {shapes: [{shape: sphere, radius: 0.01, material: grey}]}}\n"
+        "cameras:\n  left: {parent: rig, fov: 50 deg}\n  right: {parent: rig, fov: 50 deg, position: ['${b}', 0, 0]}\n"
+    )
+    with Simulation(str(path), envs=3, seed=4, width=16, height=12, outputs=["info", "state"]) as sim:
+        step = sim.reset()
+    pose = step.state.end_pose[:, [step.state.names.index(name) for name in ("left", "right")], :3]
+    want = np.linalg.norm(pose[:, 1] - pose[:, 0], axis=1)
+    assert len(set(want)) == 3
+    info = step.cameras["right"].info
+    alone = environments.split(info, 3)
+    assert [one.baseline for one, _ in alone] == pytest.approx(want.tolist(), abs=1e-11)
+    assert environments.join(alone).env_baseline == pytest.approx(want, abs=1e-11)
+    assert step.cameras["left"].info.env_baseline is None
