@@ -96,7 +96,7 @@ def _of_the_scene(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _scene_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene's own arguments that are given, and the size."""
+    """Gives the arguments of the scene that are given, and its size."""
     from evis.scene.load import parse_args
 
     size = {key: values[key] for key in ("width", "height") if values.get(key)}
