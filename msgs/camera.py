@@ -47,8 +47,9 @@ class CameraInfo(Message):
     """How far it stands to the right of the first camera of its stereo rig [m]; 0 for any other."""
     sensor: dict[str, Any] = field(default_factory=dict)
     """Sensor parameters and identity (threshold, preset, serial, firmware, ...)."""
-    env_k: np.ndarray | None = array("float64", "E 3 3", "k of each environment where they differ", optional=True)
+    env_k: np.ndarray | None = array("float64", "E 3 3", "k of each environment where cameras differ", optional=True)
     env_distortion: np.ndarray | None = array("float64", "E ?", "distortion of each, with env_k", optional=True)
+    env_baseline: np.ndarray | None = array("float64", "E", "baseline of each, with env_k [m]", optional=True)
     drawn: dict[str, Any] = field(default_factory=dict)
     """What of the world the seed has decided: name of the place in the scene file -> a value for each environment."""
 

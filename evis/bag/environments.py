@@ -145,12 +145,15 @@ def info_alone(info: CameraInfo, env: int) -> CameraInfo:
 def _info_of_environment(info: CameraInfo, e: int) -> CameraInfo:
     """Returns the camera as environment e has it."""
     assert info.env_k is not None and info.env_distortion is not None
+    apart = info.baseline if info.env_baseline is None else float(info.env_baseline[e])
     drawn = {place: values[e : e + 1] for place, values in info.drawn.items()}
     k, distortion = np.array(info.env_k[e]), np.array(info.env_distortion[e])
-    return dataclasses.replace(info, k=k, distortion=distortion, env_k=None, env_distortion=None, drawn=drawn)
+    own: dict[str, Any] = {"k": k, "distortion": distortion, "baseline": apart, "drawn": drawn}
+    return dataclasses.replace(info, env_k=None, env_distortion=None, env_baseline=None, **own)
 
 
 def _join_infos(infos: list[CameraInfo]) -> CameraInfo:
     drawn = {place: [value for info in infos for value in info.drawn[place]] for place in infos[0].drawn}
     k, distortion = (np.stack([getattr(info, name) for info in infos]) for name in ("k", "distortion"))
-    return dataclasses.replace(infos[0], env_k=k, env_distortion=distortion, drawn=drawn)
+    apart = np.array([info.baseline for info in infos])
+    return dataclasses.replace(infos[0], env_k=k, env_distortion=distortion, env_baseline=apart, drawn=drawn)

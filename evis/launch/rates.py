@@ -25,7 +25,7 @@ def with_cameras(file: str, values: Mapping[str, Any]) -> dict[str, Any]:
     from evis.scene.load import camera_names
 
     try:
-        names = camera_names(str(values["scene"]))
+        names = camera_names(str(values["scene"]), _scene_values(values))
     except (ValueError, OSError):
         names = None  # whoever loads the scene says what is wrong with it
     if values["cameras"] == []:
@@ -86,14 +86,21 @@ def _given(file: str, words: Sequence[Any], cameras: Sequence[str]) -> dict[str,
 
 
 def _of_the_scene(values: Mapping[str, Any]) -> dict[str, float]:
-    from evis.scene.load import camera_rates, parse_args
+    from evis.scene.load import camera_rates
 
-    size = {key: values[key] for key in ("width", "height") if values.get(key)}
     try:
-        return camera_rates(str(values["scene"]), {**parse_args(values.get("scene_args")), **size})
+        return camera_rates(str(values["scene"]), _scene_values(values))
     except (ValueError, OSError):
         # Whoever loads the scene says what is wrong with it.
         return {}
+
+
+def _scene_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Gives the arguments of the scene that are given, and its size."""
+    from evis.scene.load import parse_args
+
+    size = {key: values[key] for key in ("width", "height") if values.get(key)}
+    return {**parse_args(values.get("scene_args")), **size}
 
 
 def pairs(words: Sequence[Any]) -> dict[str, str]:

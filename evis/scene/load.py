@@ -124,14 +124,18 @@ def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) 
     return {camera.name: camera.rate for camera in found if camera.rate is not None}
 
 
-def camera_names(name_or_path: str) -> list[str] | None:
-    """Names the cameras of a scene file without a model, as they are found, in its order; None where only loading
-    tells."""
+def camera_names(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> list[str] | None:
+    """Names the cameras that a scene file declares, as they are found, in its order; None where it declares none and
+    has those of its model.
+
+    The scene is loaded for it only where an entry stands for several. Raises as load_scene does.
+    """
     path = find_scene(name_or_path)
-    document = None if path.suffix in MODELS else read_document(path)
-    cameras = document.get("cameras") if document and "mjcf" not in document else None
+    cameras = None if path.suffix in MODELS else read_document(path).get("cameras")
     if not isinstance(cameras, Table) or not cameras:
         return None
+    if any(isinstance(entry, Table) and "copies" in entry for entry in cameras.values()):
+        return [camera.name for camera in load_scene(name_or_path, overrides, visuals=False).cameras]
     return list(cameras) if len(cameras) > 1 else ["cam0"]
 
 

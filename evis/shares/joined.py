@@ -133,9 +133,11 @@ def join_infos(infos: Sequence[CameraInfo]) -> CameraInfo:
     header = Header(newest.stamp_ns, clock=newest.clock, episode=newest.episode)
     k = np.concatenate([_each(i.k, i.env_k, n) for i, n in zip(infos, counts)])
     distortion = np.concatenate([_each(i.distortion, i.env_distortion, n) for i, n in zip(infos, counts)])
-    info = replace(first, header=header, envs=sum(counts), drawn=drawn, env_k=None, env_distortion=None)
-    if (k != k[0]).any() or (distortion != distortion[0]).any():
-        info.env_k, info.env_distortion = k, distortion
+    apart = np.concatenate([_each(np.array(i.baseline), i.env_baseline, n) for i, n in zip(infos, counts)])
+    info = replace(first, header=header, envs=sum(counts), drawn=drawn)
+    info.env_k = info.env_distortion = info.env_baseline = None
+    if any((each != each[0]).any() for each in (k, distortion, apart)):
+        info.env_k, info.env_distortion, info.env_baseline = k, distortion, apart
     return info
 
 

@@ -151,6 +151,7 @@ def info_of(info: CameraInfo, env: int, plan: Plan, physics: str) -> CameraInfo:
     lens: dict[str, Any] = {}
     if info.env_k is not None and info.env_distortion is not None:
         lens = {"k": info.env_k[env], "distortion": info.env_distortion[env], "env_k": None, "env_distortion": None}
+        lens["env_baseline"] = None
     drawn = {place: values[env : env + 1] for place, values in info.drawn.items() if values[env] is not None}
     sensor = plan.sensors.get(f"/{info.name}", {})
     apart = baseline(scene, camera_of(scene, info.name))

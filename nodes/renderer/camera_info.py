@@ -15,7 +15,7 @@ from msgs.header import Header
 
 
 def camera_info(header: Header, params: Mapping[str, Any], worlds: Worlds, sensor: Mapping[str, Any]) -> CameraInfo:
-    """Makes the CameraInfo of a renderer's camera, whose lens is told for each environment where lenses differ.
+    """Makes the CameraInfo of a renderer's camera, with lens and baseline of each environment where they differ.
 
     params: of the node. worlds: those that it sees. sensor: parameters of the camera's sensor, {} without one.
     """
@@ -45,9 +45,11 @@ def camera_info(header: Header, params: Mapping[str, Any], worlds: Worlds, senso
         drawn=worlds.drawn(),
     )
     lenses = [camera_of(one, params["camera"]) for one in worlds.scenes]
-    if any(lens is not camera and not same_lens(lens, camera) for lens in lenses):
+    apart = np.array([baseline(one, lens) for one, lens in zip(worlds.scenes, lenses)])
+    if (apart != apart[0]).any() or any(lens is not camera and not same_lens(lens, camera) for lens in lenses):
         info.env_k = np.stack([np.asarray(lens.k, np.float64) for lens in lenses])
         info.env_distortion = np.array([lens.distortion for lens in lenses], np.float64).reshape(len(lenses), -1)
+        info.env_baseline = apart
     return info
 
 

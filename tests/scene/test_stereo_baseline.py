@@ -15,10 +15,11 @@ from nodes.renderer.node import RendererNode
 TURNING = "motion: [{kind: spin, axis: [0, 1, 1], rate: 2}, {kind: linear, velocity: [1, 2, 3]}]"
 
 
-def baselines(tmp_path, cameras, motion=TURNING):
+def baselines(tmp_path, cameras, motion=TURNING, origin=0.0):
     path = tmp_path / "rig.yaml"
+    stand = f"position: [{1 + origin}, {2 - origin}, 3], look_at: [{4 + origin}, {4 - origin}, 3]"
     path.write_text(
-        f"bodies:\n  rig: {{position: [1, 2, 3], look_at: [4, 4, 3], {motion}}}\ncameras:\n"
+        f"bodies:\n  rig: {{{stand}, {motion}}}\ncameras:\n"
         + "".join(f"  {name}: {{fov: 50 deg, {text}}}\n" for name, text in cameras.items())
     )
     scene = load_scene(str(path), {"width": 40, "height": 30})
@@ -47,6 +48,16 @@ def test_what_is_a_pair(tmp_path, right, want):
     found = baselines(tmp_path, {"a": "parent: rig, position: [0, 0, 0]", "b": right})
     assert found["b"] == pytest.approx(want, abs=1e-12)
     assert found["a"] == pytest.approx(0.2 if "[-0.2" in right else 0, abs=1e-12)
+
+
+@pytest.mark.parametrize("origin", [1e7, 1e8])
+def test_a_pair_far_from_the_origin_is_one(tmp_path, origin):
+    """Coordinates of a map grid are millions of metres, of which float64 keeps 1 nm; what is off by more is no pair."""
+    ulp = np.spacing(origin)
+    for aside, want in ((0, 0.2), (100 * ulp, 0)):
+        cameras = {"a": "parent: rig", "b": f"parent: rig, position: [0.2, {aside}, 0]"}
+        found = baselines(tmp_path, cameras, origin=origin)
+        assert found == {"a": 0, "b": pytest.approx(want, abs=4 * ulp)}
 
 
 def test_a_row_of_three_counts_from_the_first(tmp_path):
@@ -104,3 +115,26 @@ def test_the_info_says_what_the_sensor_is(preset):
     want = resolve_sensor("it", preset, {"leak_rate": 0.3})
     assert {k: v for k, v in about.items() if k in SENSOR} == {k: v for k, v in want.items() if v is not None}
     assert about["leak_rate"] == 0.3 and about["threshold"] == want["threshold"] > 0
+
+
+def test_environments_whose_rigs_are_drawn_have_a_baseline_each(tmp_path):
+    """That between the poses of their cameras; a bag has the info of each, and joins them again."""
+    from evis.bag import environments
+    from evis.simulation.simulation import Simulation
+
+    path = tmp_path / "drawn.yaml"
+    path.write_text(
+        "args: {b: {default: {from: 0.05, to: 0.2}, help: apart}}\nmaterials: {grey: {albedo: 0.5}}\n"
+        "bodies: {rig: {shapes: [{shape: sphere, radius: 0.01, material: grey}]}}\n"
+        "cameras:\n  left: {parent: rig, fov: 50 deg}\n  right: {parent: rig, fov: 50 deg, position: ['${b}', 0, 0]}\n"
+    )
+    with Simulation(str(path), envs=3, seed=4, width=16, height=12, outputs=["info", "state"]) as sim:
+        step = sim.reset()
+    pose = step.state.end_pose[:, [step.state.names.index(name) for name in ("left", "right")], :3]
+    want = np.linalg.norm(pose[:, 1] - pose[:, 0], axis=1)
+    assert len(set(want)) == 3
+    info = step.cameras["right"].info
+    alone = environments.split(info, 3)
+    assert [one.baseline for one, _ in alone] == pytest.approx(want.tolist(), abs=1e-11)
+    assert environments.join(alone).env_baseline == pytest.approx(want, abs=1e-11)
+    assert step.cameras["left"].info.env_baseline is None

@@ -178,6 +178,14 @@ def test_lenses_are_told_apart_where_they_differ() -> None:
     assert other.k[0, 0] == 100 and other.drawn == {"speed": [1, 2, 3, 4, 5], "tilt": [None, None, None, 6, 7]}
 
 
+def test_so_are_baselines() -> None:
+    apart = [replace(info(2, 100.0), baseline=0.1), replace(info(1, 100.0), baseline=0.2)]
+    other = join_infos(apart)
+    other.check()
+    assert other.env_baseline is not None and other.env_baseline.tolist() == [0.1, 0.1, 0.2] and other.baseline == 0.1
+    assert join_infos([apart[0], apart[0]]).env_baseline is None
+
+
 def test_only_what_tells_its_environments_can_be_cut() -> None:
     assert can_be_cut(WorldState) and can_be_cut(Keyframe)
     assert not can_be_cut(EventPacket) and not can_be_cut(Samples)

@@ -127,7 +127,7 @@ def test_several_cameras_have_a_chain_each() -> None:
     assert {n.process for n in made.nodes.values() if n.name.endswith("sensor_right")} == {"sensor_right"}
 
 
-EYE = "{position: [0, -2, 0], look_at: [0, 0, 0]}"
+EYE = "{position: [0, -2, 0], look_at: [0, 0, 0], fov: 40 deg}"
 
 
 @pytest.mark.parametrize(
@@ -136,6 +136,9 @@ EYE = "{position: [0, -2, 0], look_at: [0, 0, 0]}"
         (f"{{l: {EYE}, r: {EYE}}}", ["l", "r"]),
         (f"{{eye: {EYE}}}", ["cam0"]),
         (f"{{other: {EYE}, cam0: {EYE}}}", ["cam0"]),
+        (f"{{eye: {{copies: {{over: {{k: 3}}}}, {EYE[1:]}}}", ["eye_0", "eye_1", "eye_2"]),
+        (f"{{eye: {{copies: {{over: {{k: 3}}, if: '${{k == 1}}'}}, {EYE[1:]}}}", ["cam0"]),
+        (f"{{cam0: {EYE}, eye: {{copies: {{over: {{k: 2}}}}, {EYE[1:]}}}", ["cam0"]),
     ],
 )
 def test_a_scene_of_ones_own_is_seen_by_its_cameras(tmp_path: Path, cameras: str, expected: list[str]) -> None:
@@ -147,6 +150,29 @@ def test_a_scene_of_ones_own_is_seen_by_its_cameras(tmp_path: Path, cameras: str
     assert sorted(n.params["camera"] for n in made.nodes.values() if n.name.startswith("renderer")) == expected
     with pytest.raises(LaunchError, match="has no camera 'top'"):
         plan("simulator", scene=str(scene), cameras="top")
+
+
+MODEL = "<mujoco><worldbody><body name='b'><freejoint/><geom size='0.1'/>{camera}</body></worldbody></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("cameras", "camera", "expected"),
+    [
+        (f"{{l: {EYE}, r: {EYE}}}", "", ["l", "r"]),
+        (f"{{eye: {EYE}}}", "", ["cam0"]),
+        (f"{{l: {EYE}, r: {EYE}}}", "<camera name='cam0'/>", ["l", "r"]),
+        (f"{{other: {EYE}, cam0: {EYE}}}", "", ["cam0"]),
+    ],
+)
+def test_so_is_one_with_a_model(tmp_path: Path, cameras: str, camera: str, expected: list[str]) -> None:
+    """Whose own cameras count where the file has none; each that is taken is one that the renderer finds."""
+    from evis.scene.load import load_scene
+
+    (tmp_path / "model.xml").write_text(MODEL.format(camera=camera))
+    scene = tmp_path / "own.yaml"
+    scene.write_text(f"mjcf: model.xml\ncameras: {cameras}\n")
+    assert plan("simulator", scene=str(scene)).args["cameras"] == expected
+    assert set(expected) <= {camera.name for camera in load_scene(str(scene)).cameras}
 
 
 @pytest.mark.parametrize(
