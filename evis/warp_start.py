@@ -20,11 +20,8 @@ def start_warp() -> None:
     """
     import warp as wp
 
-<<<<<<< HEAD
-    from evis.warp_cache import renew_damaged
-=======
     from evis.files.home import user_folder
->>>>>>> 7550e699ab8b1871a41033fb0fbf65214b10589e
+    from evis.warp_cache import renew_damaged
     from evis.warp_headers import share_headers
 
     asked = wp.config.kernel_cache_dir
@@ -36,7 +33,6 @@ def start_warp() -> None:
     wp.config.log_level = wp.LOG_WARNING
     if wp.config.cpu_compiler_flags:
         wp.config.cpu_compiler_flags = wp.config.cpu_compiler_flags.replace(*INLINED)
-    given = wp.config.kernel_cache_dir
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
@@ -46,11 +42,7 @@ def start_warp() -> None:
         renew_damaged()
     except OSError as error:
         folder = wp.config.kernel_cache_dir or error.filename
-<<<<<<< HEAD
-        wp.config.kernel_cache_dir = given  # else the next start takes this folder for the one above it
-=======
         wp.config.kernel_cache_dir = asked  # the next start would take the folder for a parent
->>>>>>> 7550e699ab8b1871a41033fb0fbf65214b10589e
         raise OSError(
             f"compiled kernels cannot be kept in {folder} ({error.strerror}): "
             "set WARP_CACHE_PATH or XDG_CACHE_HOME to a folder that can be written"
