@@ -22,8 +22,9 @@ WARM_GAPS = 3
 """Gaps before anything is measured, at least: kernels are loaded, graphs recorded, buffers grown."""
 COUNTED_GAPS = 2
 """Gaps in which the bytes and operations of kernels are counted."""
-MOST_RECORDED = 24
-"""Gaps of which everything that the device does is recorded."""
+MOST_RECORDED = 128
+"""Gaps of which everything that the device does is recorded: several times as many as go through it at once, for the
+first of them find it idle."""
 
 
 class Mark(NamedTuple):
