@@ -4,7 +4,7 @@ import warp as wp
 
 from nodes.interpolator.displacement_kernels import turn_of
 from nodes.interpolator.refine.probing.box_kernels import Boxes, reach
-from nodes.interpolator.refine.probing.narrow_kernels import NARROW, add_missed, narrow_way
+from nodes.interpolator.refine.probing.narrow_kernels import add_missed, narrow_way
 
 wp.set_module_options({"enable_backward": False})
 
@@ -61,17 +61,24 @@ class BoxPlace:
 
 
 @wp.func
+def box_place(centre: wp.vec3d, axes: wp.mat33d, half: wp.vec3d, near: wp.float64, sides: wp.vec4d):
+    """Makes the BoxPlace of a box in the camera's frame."""
+    place = BoxPlace()
+    place.centre = centre
+    place.axes = axes
+    place.image = image_reach(centre, axes, half, near, sides)
+    return place
+
+
+@wp.func
 def place_of(boxes: Boxes, j: int, pose: wp.transformd, eye: wp.transformd, near: wp.float64, sides: wp.vec4d):
     """Finds the BoxPlace of box j, whose body is at `pose`, before a camera at `eye`."""
     back = wp.transpose(turn_of(eye))
     turn = back * turn_of(pose)
-    place = BoxPlace()
-    place.centre = turn * boxes.translation[j] + back * (
+    centre = turn * boxes.translation[j] + back * (
         wp.transform_get_translation(pose) - wp.transform_get_translation(eye)
     )
-    place.axes = turn * boxes.rotation[j]
-    place.image = image_reach(place.centre, place.axes, boxes.half[j], near, sides)
-    return place
+    return box_place(centre, turn * boxes.rotation[j], boxes.half[j], near, sides)
 
 
 @wp.func
@@ -197,35 +204,31 @@ def follow_boxes(
 @wp.kernel
 def follow_still_boxes(
     # in
-    boxes: Boxes,
-    camera: int,
+    env: wp.array(dtype=int),
+    centre: wp.array(dtype=wp.vec3d),
+    axes: wp.array(dtype=wp.mat33d),
+    half: wp.array(dtype=wp.vec3d),
     near: wp.float64,
     sides: wp.vec4d,
     scale: wp.float64,
     spacing: wp.float64,
-    every: int,
-    rest: wp.array2d(dtype=wp.transformd),
-    way: wp.array(dtype=wp.float64),
-    poses: wp.array3d(dtype=wp.transformd),
+    eye: wp.array2d(dtype=wp.vec3d),
+    back: wp.array2d(dtype=wp.mat33d),
     # out
     missed: wp.array2d(dtype=wp.float64),
 ):
     """Follows a box that stands still before a camera that moves, and adds to `missed` what of it may go unseen.
 
-    every: instants from one at which it is looked at to the next. rest: poses of the bodies of `boxes` in each
-    environment. way [E]: how far the camera goes in the gap [m]. Other arguments as of follow_boxes.
+    env, centre, axes, half [J]: of the boxes, in the world. eye, back [n, E]: where the camera is at some instants, and
+    the rotation from the world to it; spacing: instants of these from one z-buffer to the next. Other arguments as of
+    follow_boxes.
     """
-    env, j = wp.tid()
+    j = wp.tid()
+    e = env[j]
     zero = wp.float64(0.0)
-    half = boxes.half[j]
     last = BoxPlace()
-    for n in range(0, poses.shape[0], every):
-        here = place_of(boxes, j, rest[env, boxes.mover[j]], poses[n, env, camera], near, sides)
-        if n == 0:
-            # From nowhere on the camera's way is it narrower than its least side from as far away as it can be.
-            away = wp.length(here.centre) + way[env]
-            if wp.float64(2.0) * scale * wp.min(half) >= wp.float64(NARROW) * away:
-                return
-        elif here.image.inside >= zero and last.image.inside >= zero:
-            add_if_narrow(here, last, half, near, sides, scale, spacing / wp.float64(every), env, missed)
+    for n in range(eye.shape[0]):
+        here = box_place(back[n, e] * (centre[j] - eye[n, e]), back[n, e] * axes[j], half[j], near, sides)
+        if n > 0 and here.image.inside >= zero and last.image.inside >= zero:
+            add_if_narrow(here, last, half[j], near, sides, scale, spacing, e, missed)
         last = here

@@ -7,8 +7,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Boxes:
-    """Holds the boxes of things: which of the bodies whose poses are given they are on [J], where on it, and half their
-    sides.
+    """Holds the boxes of things: which of the bodies that move they are on [J], where on it, and half their sides.
 
     fine: half of how wide their parts and holes are along these sides, for `find_shortest_shadows`.
     """

@@ -13,14 +13,13 @@ from nodes.renderer.shadows.boxes import half_extents
 
 
 def boxes_of(
-    visibility: Visibility, bodies: np.ndarray, which: np.ndarray, fine: np.ndarray | None = None
+    visibility: Visibility, movers: np.ndarray, which: np.ndarray, fine: np.ndarray | None = None
 ) -> tuple[Any, int]:
-    """Makes Boxes of some instances, on the host, where the poses are, and tells how many there are. bodies: whose
-    poses are given, in rising order, -1 for the world. fine: of all instances, float64 [I, 3] m, where it is asked
-    for."""
+    """Makes Boxes of some instances, on the host, where the poses are, and tells how many there are. fine: of all
+    instances, float64 [I, 3] m, where it is asked for."""
     geometry, boxes = visibility.geometry, Boxes()
     with wp.ScopedDevice("cpu"):
-        boxes.mover = wp.array(np.searchsorted(bodies, geometry.body[which]).astype(np.int32), dtype=wp.int32)
+        boxes.mover = wp.array(np.searchsorted(movers, geometry.body[which]).astype(np.int32), dtype=wp.int32)
         boxes.rotation = wp.array(geometry.rotation[which], dtype=wp.mat33d)
         boxes.translation = wp.array(geometry.translation[which], dtype=wp.vec3d)
         boxes.half = wp.array(half_extents(visibility)[which], dtype=wp.vec3d)

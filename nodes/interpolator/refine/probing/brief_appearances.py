@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,8 +12,10 @@ from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.appearance_kernels import TOO_FAST, follow_boxes, follow_still_boxes
+from nodes.interpolator.refine.probing.body_boxes import BodyBoxes
 from nodes.interpolator.refine.probing.boxes import boxes_of
 from nodes.interpolator.refine.probing.frustum import frustum_slopes
+from nodes.interpolator.refine.probing.narrow_kernels import NARROW
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
@@ -22,7 +25,7 @@ TWICE = 2
 DEEP = 0.125
 """Part of the image, of its width or height, into which it comes at least."""
 
-LOOKS = 32
+LOOKS = 16
 """Times per gap at which what stands still is looked at: only the camera's way counts, and there is much of it."""
 
 
@@ -56,8 +59,8 @@ class BriefAppearances:
         self._camera = int(camera[0]) if len(camera) else -1
         self._boxes = boxes_of(v, movers, which)[0]
         # What stands still comes and goes with all that is about it, but may be on no pixel as well.
-        still = np.flatnonzero(~np.isin(geometry.body, movers)) if self._camera >= 0 else np.zeros(0, np.int64)
-        self._still, self._still_count = boxes_of(v, np.arange(-1, len(v.names)), still)
+        still = np.flatnonzero(~np.isin(geometry.body, movers))
+        self._still = BodyBoxes(v, still) if self._camera >= 0 and len(still) else None
 
     def needed(self, instants: Instants, poses: Poses, least: int, missed: float) -> BriefForecast:
         """Computes how many z-buffers a gap needs, `least` per coarse interval at least.
@@ -66,7 +69,7 @@ class BriefAppearances:
         unseen: it may be on none in all z-buffers that would tell how fast it is.
         """
         envs, most = poses.rest.shape[0], 1 << instants.depth
-        if not (self._count or self._still_count) or self._sides is None:
+        if not (self._count or self._still) or self._sides is None:
             return BriefForecast(*(np.full(envs, least) for _ in range(2)), *(np.zeros(envs, bool) for _ in range(2)))
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
@@ -79,14 +82,11 @@ class BriefAppearances:
         scale = (self._size[1] - 1) / (sides[1] - sides[0])
         given = [self._boxes, self._camera, self._near, wp.vec4d(*sides), deep, scale, most / least, eye, moved]
         wp.launch(follow_boxes, (envs, self._count), given, [shortest, passing, unseen], device="cpu")
-        if self._still_count:
-            world = np.broadcast_to(se3.IDENTITY, (envs, 1, 7))
-            rest = cpu_array(np.concatenate([world, poses.rest], axis=1), wp.transformd)
-            way = np.linalg.norm(np.diff(poses.moved[:, :, self._camera, :3], axis=0), axis=-1).sum(axis=0)
+        if self._still is not None:
             every = -(-instants.count // LOOKS)
-            given = [self._still, self._camera, self._near, wp.vec4d(*sides), scale, most / least, every, rest]
-            given += [cpu_array(way), moved]
-            wp.launch(follow_still_boxes, (envs, self._still_count), given, [unseen], device="cpu")
+            eyes, spacing = poses.moved[::every, :, self._camera], most / least / every
+            view = [self._near, wp.vec4d(*sides), scale]
+            self._follow_still(self._still, poses.rest, eyes, view, spacing, unseen)
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
@@ -94,3 +94,25 @@ class BriefAppearances:
         narrow = np.where(enough.any(axis=1), least << enough.argmax(axis=1), 2 * most)
         passes = passing.numpy()
         return BriefForecast(np.where(found > 0, needed, 2 * most), narrow, passes > 0, passes == int(TOO_FAST))
+
+    def _follow_still(
+        self, still: BodyBoxes, rest: np.ndarray, eyes: np.ndarray, view: list[Any], spacing: float, unseen: wp.array
+    ) -> None:
+        """Adds to `unseen` [E, levels] what stands still and goes unseen.
+
+        rest: poses of all bodies [E, N, 7]; eyes: of the camera [n, E, 7]. view: near, sides and scale of
+        follow_still_boxes, and spacing as there.
+        """
+        middle, axes = still.place(rest)
+        gone = np.linalg.norm(np.diff(eyes[..., :3], axis=0), axis=-1).sum(axis=0)
+        farthest = np.linalg.norm(middle - eyes[0, :, None, :3], axis=-1) + gone[:, None]
+        # From nowhere on the camera's way is a box narrower than its least side from as far away as it can be.
+        env, box = np.nonzero(2.0 * view[2] * still.half.min(axis=1) < float(NARROW) * farthest)
+        if not len(env):
+            return
+        back = np.swapaxes(se3.to_matrix(eyes[..., 3:]), -1, -2)
+        boxes = [cpu_array(env.astype(np.int32)), cpu_array(middle[env, box], wp.vec3d)]
+        boxes += [cpu_array(axes[env, box], wp.mat33d), cpu_array(still.half[box], wp.vec3d)]
+        eye, turned = np.ascontiguousarray(eyes[..., :3]), np.ascontiguousarray(back)
+        given = [*boxes, *view, spacing, cpu_array(eye, wp.vec3d), cpu_array(turned, wp.mat33d)]
+        wp.launch(follow_still_boxes, len(env), given, [unseen], device="cpu")

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.geometry import se3
 from evis.gpu.exchange import cpu_array
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.probing.body_boxes import BodyBoxes
 from nodes.interpolator.refine.probing.curved_motion_kernels import BoundingSpheres, CurvatureLimits, find_curved_motion
 from nodes.interpolator.refine.probing.frustum import frustum_slopes
 from nodes.interpolator.rigid.placement import Placement
 from nodes.interpolator.rigid.slots import Poses
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.boxes import half_extents
 
 EVEN = 0.1
 """Distance [px] from a straight way up to which a thing counts as on it."""
@@ -39,10 +38,8 @@ class CurvedMotion:
         on_mover = np.isin(geometry.body, movers)
         which = np.flatnonzero(on_mover & (geometry.body != v.camera_body))
         which = which[np.argsort(geometry.body[which], kind="stable")]
-        self._moving, self._still = (
-            _Boxes(geometry.body[n], geometry.rotation[n], geometry.translation[n], half_extents(v)[n])
-            for n in (which, np.flatnonzero(~on_mover & (geometry.body != v.camera_body)))
-        )
+        still = np.flatnonzero(~on_mover & (geometry.body != v.camera_body))
+        self._moving, self._still = (BodyBoxes(v, instances) for instances in (which, still))
         bodies, self._first = np.unique(geometry.body[which], return_index=True)
         reach = np.linalg.norm(self._moving.translation, axis=1) + np.linalg.norm(self._moving.half, axis=1)
         radius = np.maximum.reduceat(reach, self._first) if len(which) else np.zeros(0)
@@ -90,27 +87,3 @@ class CurvedMotion:
         if self._camera >= 0 and len(self._still.body):
             away[:, -1] = self._still.sides(poses.rest, poses.rest[:, self._camera_body, :3]).min(axis=1)
         return np.clip(away, self._near, FAR)
-
-
-class _Boxes:
-    """Holds boxes on bodies."""
-
-    def __init__(self, body: np.ndarray, rotation: np.ndarray, translation: np.ndarray, half: np.ndarray) -> None:
-        self.body, self.translation, self.half = body, translation, half
-        self._rotation = rotation
-        self._stood = np.zeros((0, 0, 7))
-        self._axes, self._middle = np.zeros((0, 0, 3, 3)), np.zeros((0, 0, 3))
-
-    def sides(self, poses: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """Gives how far the nearest side of each box is from `eye` [E, 3], float64 [E, I] m, for poses [E, N, 7]."""
-        # The world's own boxes are on body -1.
-        world = np.broadcast_to(se3.IDENTITY, (len(poses), 1, 7))
-        stand = np.concatenate([poses, world], axis=1)[:, self.body]
-        if not np.array_equal(stand, self._stood):
-            turn = se3.to_matrix(stand[..., 3:])
-            self._stood, self._axes = stand, turn @ self._rotation
-            self._middle = stand[..., :3] + np.einsum("enij,nj->eni", turn, self.translation)
-        off = (eye[:, None] - self._middle)[..., None, :] @ self._axes
-        at = np.abs(off[..., 0, :]) - self.half
-        outside = np.linalg.norm(np.maximum(at, 0.0), axis=-1)
-        return outside + np.maximum(-at.max(axis=-1), 0.0)
