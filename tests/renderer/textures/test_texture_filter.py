@@ -190,14 +190,16 @@ def test_texture_coordinates_of_any_size(uv):
     """Nothing is read beside the texels, and numbers give numbers between those."""
     rng = np.random.default_rng(1)
     texture = rng.uniform(0.2, 0.8, (5, 7, 3)).astype(np.float32)
-    texels = np.concatenate([np.full((4, 3), 1e6), texture.reshape(-1, 3), np.full((1, 3), 1e6)]).astype(np.float32)
+    texels = np.concatenate(
+        [np.full((4, 4), 1e6), np.pad(texture.reshape(-1, 3), ((0, 0), (0, 1))), np.full((1, 4), 1e6)]
+    ).astype(np.float32)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def look(texels: wp.array(dtype=wp.vec3), uv: wp.vec2, found: wp.array(dtype=wp.vec3)):
+    def look(texels: wp.array(dtype=wp.vec4), uv: wp.vec2, found: wp.array(dtype=wp.vec3)):
         found[0] = texture_kernels.bilinear(texels, wp.vec3i(4, 7, 5), uv)
 
     found = wp.zeros(1, dtype=wp.vec3, device="cpu")
-    wp.launch(look, 1, [wp.array(texels, dtype=wp.vec3, device="cpu"), wp.vec2(*uv)], [found], device="cpu")
+    wp.launch(look, 1, [wp.array(texels, dtype=wp.vec4, device="cpu"), wp.vec2(*uv)], [found], device="cpu")
     value = found.numpy()[0]
     assert not np.isfinite(uv).all() or ((value >= texture.min()).all() and (value <= texture.max()).all())
     assert not (np.abs(value) > 1.0).any()
