@@ -163,5 +163,6 @@ def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path, suffix: str) ->
         cwd=tmp_path, capture_output=True, text=True, preexec_fn=small_files, timeout=600,
     )  # fmt: skip
     assert done.returncode == 1
-    assert done.stderr.splitlines() == [f"evis events: out.{suffix}: writing failed: File too large"]
+    limit = "a file may have 65536 bytes (ulimit -f): allow more, as by `ulimit -f unlimited`"
+    assert done.stderr.splitlines() == [f"evis events: out.{suffix}: writing failed: File too large; {limit}"]
     assert [p.name for p in tmp_path.iterdir()] == [name]
