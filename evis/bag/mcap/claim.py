@@ -29,8 +29,9 @@ def claim(path: Path) -> tuple[int, Path | None]:
     try:
         if path.is_symlink():
             raise BagError(f"cannot record to {name}: the link leads to itself")
-        if path.exists() and not stat.S_ISREG(path.stat().st_mode):
-            if path.is_dir():
+        mode = _mode_of(path)
+        if mode and not stat.S_ISREG(mode):
+            if stat.S_ISDIR(mode):
                 raise BagError(f"cannot record to {name}: it is a folder; name a file such as {name / 'a.mcap'}")
             with with_reader(path):
                 return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
@@ -42,6 +43,14 @@ def claim(path: Path) -> tuple[int, Path | None]:
     except OSError as error:
         why = refusal(path.parent) if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS) else error.strerror
         raise BagError(f"cannot record to {name}: {why}") from None
+
+
+def _mode_of(path: Path) -> int:
+    """Gives the mode of a file, 0 where there is none: asked once, for another may put it aside at any time."""
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError:
+        return 0
 
 
 def _new_file(path: Path) -> tuple[int, Path | None]:
