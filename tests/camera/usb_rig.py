@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ MS = 1_000_000
 def random_recording(path: Path, width: int, height: int, n: int = 20_000, span_us: int = 400_000) -> Events:
     """A recording of uniform noise in order of time, whole us, one event per us and pixel; what was written."""
     rng = np.random.default_rng(7)
-    t = np.sort(rng.choice(np.arange(1, span_us), n, replace=False)) * 1000
+    t = np.sort(rng.choice(span_us - 1, n, replace=False) + 1) * 1000
     x, y = rng.integers(0, width, n, np.uint16), rng.integers(0, height, n, np.uint16)
     events = Events(t, x, y, rng.integers(0, 2, n, np.uint8))
     with open_writer(path, width, height) as writer:
@@ -32,10 +34,31 @@ def random_recording(path: Path, width: int, height: int, n: int = 20_000, span_
     return events
 
 
-def played(name: str, path: Path, faults: str = "", speed: float = 0.0, duration_s: float = 0.0) -> UsbDriver:
-    """A driver of the model whose emulated device sends a recording, not opened."""
+class HandClock:
+    """The time of an emulated device that stands until the test moves it on."""
+
+    def __init__(self) -> None:
+        self.ns = 0
+        self.begun = threading.Event()
+        """The device has taken the time from which it counts."""
+
+    def now(self) -> int:
+        now = self.ns
+        self.begun.set()
+        return now
+
+    def sleep(self, seconds: float) -> None:
+        time.sleep(min(seconds, 1e-3))  # until the test has moved it on, maybe
+
+
+def played(
+    name: str, path: Path, faults: str = "", speed: float = 0.0, duration_s: float = 0.0, clock: Any = None
+) -> UsbDriver:
+    """A driver of the model whose emulated device sends a recording, not opened; at the pace of `clock`."""
     model = model_named(name)
-    return driver_on(model, RecordingFeed(str(path), model, speed, duration_s), Faults.of(faults), live=speed == 1.0)
+    pace = {"now": clock.now, "sleep": clock.sleep} if clock else {}
+    feed = RecordingFeed(str(path), model, speed, duration_s, **pace)
+    return driver_on(model, feed, Faults.of(faults), live=speed == 1.0)
 
 
 def silent(name: str, faults: str = "") -> UsbDriver:

@@ -1,4 +1,5 @@
-"""A jump of the stamps by hours: refused in one line that names the two stamps, before any memory is taken."""
+"""A jump of the stamps by hours, or of the light by more thresholds than memory holds: refused in one line that names
+the cause, before the memory is taken."""
 
 import re
 
@@ -97,3 +98,19 @@ def test_simulate_keeps_what_it_has_and_says_why(tmp_path, capsys):
     taken = int(re.search(r"holds the events of (\d+) of 41 frames", err)[1])
     whole = simulate_frames(images[0, :taken], t[:taken], leak_rate=0.1, shot_rate=5.0)
     assert taken >= 20 and len(made) > 1000 and made.t.tobytes() == whole["t"].tobytes()
+
+
+def test_more_events_than_the_memory_holds(tmp_path, monkeypatch):
+    """ln of a step of a million is 13.8: 1,381 thresholds of 0.01 at each of 128 x 128 pixels."""
+    meminfo = tmp_path / "meminfo"
+    meminfo.write_text("MemAvailable: 400000 kB\n")
+    monkeypatch.setattr("evis.gpu.room.MEMINFO", meminfo)
+    monkeypatch.setattr("evis.gpu.room.CGROUP", tmp_path)
+    images = np.full((1, 2, 128, 128), 1e-3, np.float32)
+    images[0, 1] = 1e3
+    sensor = EventSensor(128, 128, threshold=0.01)
+    with pytest.raises(ValueError, match=r"^[0-9]+ events in one message take [0-9.]+ GB .*, of which 0.41 are free; "):
+        sensor.process(images, np.array([0, S // 1000]), ONE)
+    meminfo.write_text("MemAvailable: 4000000 kB\n")
+    events = EventSensor(128, 128, threshold=0.01).process(images, np.array([0, S // 1000]), ONE)
+    assert len(events.t) == 128 * 128 * 1381

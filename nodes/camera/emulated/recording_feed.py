@@ -15,6 +15,8 @@ from nodes.camera.usb.models import Model
 
 WINDOW_NS = 1_000_000
 """A camera at real pace hands over what one window of device time holds [ns]."""
+MOST_WINDOWS = 20
+"""Windows that are handed over at once where pace is of no importance, or is lost: one by one they take more time."""
 LATEST_START_NS = 3600 * NS
 """A recording that is encoded anew and starts later than this is sent from near 0: a camera counts from its start."""
 IMU_ENDPOINT_ENCODING = "dvxplorer_mini"
@@ -25,12 +27,7 @@ time."""
 class _PacedFeed(Feed):
     """Supplies the pieces of an iterator, each when it is due: (device time [ns], bytes)."""
 
-    def __init__(
-        self,
-        speed: float,
-        now: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, speed: float, now: Callable[[], int], sleep: Callable[[float], None]) -> None:
         super().__init__()
         self._speed, self._now, self._sleep = speed, now, sleep
         self._imu_ahead: list[bytes] = []
@@ -39,6 +36,8 @@ class _PacedFeed(Feed):
         self._left = memoryview(b"")
         self._next: tuple[int, bytes] | None = None
         self._origin: tuple[int, int] | None = None
+        self._behind_ns = 0
+        """Device time since the last piece was due, when it was handed over [ns]."""
 
     @abc.abstractmethod
     def _make_pieces(self) -> Iterator[tuple[int, bytes]]:
@@ -62,12 +61,13 @@ class _PacedFeed(Feed):
         if self._speed:
             if self._origin is None:
                 self._origin = (self._now(), due)
-            wait = (self._origin[0] + (due - self._origin[1]) / self._speed - self._now()) / NS
-            if wait > timeout_s:
-                self._sleep(timeout_s)
+            due_at = self._origin[0] + round((due - self._origin[1]) / self._speed)
+            if due_at > self._now():
+                self._sleep(min((due_at - self._now()) / NS, timeout_s))
+            late = self._now() - due_at
+            if late < 0:
                 return
-            if wait > 0:
-                self._sleep(wait)
+            self._behind_ns = int(late * self._speed)
         if self._imu_ahead:
             self.imu_queue.put(self._imu_ahead)
             self._imu_ahead = []
@@ -79,11 +79,20 @@ class RecordingFeed(_PacedFeed):
     """Supplies a recording as the model sends it: the file's own bytes where it holds them, else encoded anew.
 
     speed: device time per real time, 0 = as fast as it is read. duration_s: 0 = all. topic: of a bag with several;
-    "" = the first.
+    "" = the first. now [ns], sleep [s]: the clock that keeps its pace.
     """
 
-    def __init__(self, path: str, model: Model, speed: float, duration_s: float = 0.0, topic: str = "") -> None:
-        super().__init__(speed)
+    def __init__(
+        self,
+        path: str,
+        model: Model,
+        speed: float,
+        duration_s: float = 0.0,
+        topic: str = "",
+        now: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        super().__init__(speed, now, sleep)
         self._recording = open_recording(path, topic=topic)
         about = self.about = self._recording.info
         self.sends_own_bytes = about.encoding == model.encoding and about.format == "raw"
@@ -106,10 +115,9 @@ class RecordingFeed(_PacedFeed):
         if first is None:
             return
         end = first - 1 + self._duration_ns if self._duration_ns else None
-        window = WINDOW_NS if self._speed or self._model.encoding == IMU_ENDPOINT_ENCODING else 20 * WINDOW_NS
-        windows = windows_in_file_order(recording, window, end)
+        windows = windows_in_file_order(recording, self._window_ns, end)
         if self._encoder is not None and self._model.encoding not in UNORDERED:
-            windows = windows_in_time_order(recording, window, end, self._encoder.count_reordered)
+            windows = windows_in_time_order(recording, self._window_ns, end, self._encoder.count_reordered)
         for stamp, events in windows:
             if self._encoder is None and self.register_filter is not None:
                 # for good: words of the file would refer to those before them that were not sent
@@ -124,6 +132,13 @@ class RecordingFeed(_PacedFeed):
             recording.read_until(2**62)
             if self._encoder is None:
                 yield first, self._own_bytes()
+
+    def _window_ns(self) -> int:
+        """Returns the device time [ns] that the next piece is to hold."""
+        if self._model.encoding == IMU_ENDPOINT_ENCODING:
+            return WINDOW_NS
+        windows = self._behind_ns // WINDOW_NS if self._speed else MOST_WINDOWS
+        return min(max(windows, 1), MOST_WINDOWS) * WINDOW_NS
 
     def _own_bytes(self) -> bytes:
         """Returns the recording's own bytes of the last stretch."""

@@ -14,16 +14,20 @@ AHEAD_NS = 200_000_000
 """Files store frames and inertial samples behind the events of their time; so much later at most [ns]."""
 
 
-def windows_in_file_order(recording: Recording, window_ns: int, end_ns: int | None) -> Iterator[tuple[int, Events]]:
-    """Yields (end [ns], events) of each stretch that has any, in the file's order; nothing later than end_ns."""
+def windows_in_file_order(
+    recording: Recording, window_ns: Callable[[], int], end_ns: int | None
+) -> Iterator[tuple[int, Events]]:
+    """Yields (end [ns], events) of each stretch that has any, in the file's order; nothing later than end_ns.
+
+    window_ns: gives the length of the next stretch [ns], at whose multiples it ends.
+    """
     while (following := recording.next_t_ns) is not None and (end_ns is None or following <= end_ns):
-        stamp = -(-following // window_ns) * window_ns
-        stamp = stamp if end_ns is None else min(stamp, end_ns)
+        stamp = _end_of(following, window_ns(), end_ns)
         yield stamp, recording.read_until(stamp)
 
 
 def windows_in_time_order(
-    recording: Recording, window_ns: int, end_ns: int | None, seen: Callable[[Events], None]
+    recording: Recording, window_ns: Callable[[], int], end_ns: int | None, seen: Callable[[Events], None]
 ) -> Iterator[tuple[int, Events]]:
     """Yields stretches as windows_in_file_order does, with frames and samples at their own times; none ends inside a
     frame.
@@ -33,8 +37,7 @@ def windows_in_time_order(
     following = recording.next_t_ns
     held = Events.empty()
     while following is not None and (end_ns is None or following <= end_ns):
-        stamp = -(-following // window_ns) * window_ns
-        stamp = stamp if end_ns is None else min(stamp, end_ns)
+        stamp = _end_of(following, window_ns(), end_ns)
         read = recording.read_until(stamp + AHEAD_NS)
         seen(read)
         held = Events.concatenate([held, read])
@@ -45,6 +48,12 @@ def windows_in_time_order(
         yield stamp, part
         times = [*_first_times(held), recording.next_t_ns]
         following = min((t for t in times if t is not None), default=None)
+
+
+def _end_of(following_ns: int, window_ns: int, end_ns: int | None) -> int:
+    """Returns the end [ns] of the stretch in which `following_ns` lies."""
+    stamp = -(-following_ns // window_ns) * window_ns
+    return stamp if end_ns is None else min(stamp, end_ns)
 
 
 def _first_times(events: Events) -> list[int]:

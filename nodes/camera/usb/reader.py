@@ -83,16 +83,33 @@ class Reader:
         """Starts the thread."""
         self._thread.start()
 
-    def get(self, timeout_s: float) -> Chunk | None:
-        """Returns the next filled buffer, None after timeout_s. Raises what ended the stream, after its last buffer."""
+    def get(self, timeout_s: float, joined: bool = False) -> Chunk | None:
+        """Returns the next filled buffer, None after timeout_s. Raises what ended the stream, after its last buffer.
+
+        joined: small reads that wait in a row come as one, for each costs the decoder about the same.
+        """
         with self._changed:
             if not self._full and self._failure is None:
                 self._changed.wait(timeout_s)
             if self._full:
-                return self._full.popleft()
+                return self._join_small(self._full.popleft()) if joined else self._full.popleft()
             if self._failure is not None:
                 raise self._failure
             return None
+
+    def _join_small(self, chunk: Chunk) -> Chunk:
+        """Returns a small read together with those behind it, as far as nothing is missing between them."""
+        parts, size = [chunk.data], len(chunk.data)
+        while self._full and not len(chunk.whole):
+            following = self._full[0]
+            size += len(following.data)
+            if len(following.whole) or following.gap or size > self._small_read:
+                break
+            chunk.t_host_ns = self._full.popleft().t_host_ns
+            parts.append(following.data)
+        if len(parts) > 1:
+            chunk.data = np.concatenate(parts)
+        return chunk
 
     @property
     def empty(self) -> bool:

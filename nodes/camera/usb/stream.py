@@ -117,7 +117,7 @@ class ReadingStream:
             if reading is not None:
                 return reading
             try:
-                chunk = self.reader.get(max(deadline - time.monotonic(), 0))
+                chunk = self.reader.get(max(deadline - time.monotonic(), 0), joined=True)
             except OSError as error:  # what had arrived before it comes first
                 reading = self._read_remainder()
                 if reading is not None:

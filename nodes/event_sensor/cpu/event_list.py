@@ -13,7 +13,7 @@ from nodes.event_sensor.cpu import order_kernels
 from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
 from nodes.event_sensor.engines.interface import Engine
-from nodes.event_sensor.input.limit import check_events
+from nodes.event_sensor.input.limit import check_events, check_host_memory
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
@@ -76,9 +76,11 @@ class HostEventList:
             if not left and count <= self._capacity:
                 self._engine.swap()
                 return found[:-1]
-            check_events(max(count, left and 2 * self._capacity))
+            capacity = 2 * self._capacity if left else count + count // 4
+            check_events(max(count, left and capacity))
+            check_host_memory(capacity)
             keys = self._keys
-            self._grow(2 * self._capacity if left else count + count // 4)
+            self._grow(capacity)
             if left:
                 self._keys.numpy()[:count] = keys.numpy()[:count]
                 self._counters.numpy()[-1] = 0

@@ -6,8 +6,14 @@ import itertools
 
 import numpy as np
 
+from evis.gpu.room import free_host_memory
+
 MOST_BACKGROUND = 1 << 27
-"""Events of leak and noise that a message may have on average: with 29 bytes each while they are sorted, 4 GB."""
+"""Events of leak and noise that a message may have on average: while they are sorted, 4 GB."""
+BYTES = 29
+"""Memory that an event takes while it is sorted: its key twice, and its columns [bytes]."""
+MANY = 1 << 24
+"""Events for whose memory the system is asked, so that most calls need not."""
 REMEDY = "put frames between the two, cut the sequence there"
 
 MOST_NUMBERED = (1 << 31) - 1
@@ -18,6 +24,16 @@ def check_events(count: int) -> None:
     """Raises ValueError where a message has more events than their sorting can number."""
     if count > MOST_NUMBERED:
         raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
+
+
+def check_host_memory(count: int) -> None:
+    """Raises ValueError where the events of a message, while they are sorted, take more memory than the host has."""
+    free = free_host_memory() if count >= MANY else None
+    if free is not None and count * BYTES > free:
+        raise ValueError(
+            f"{count} events in one message take {count * BYTES / 1e9:.3g} GB while they are sorted, of which "
+            f"{free / 1e9:.3g} are free; raise the contrast threshold or keyframe_rate"
+        )
 
 
 def longest_step(t_base: int, t: np.ndarray) -> str:

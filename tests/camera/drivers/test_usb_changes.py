@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 import pytest
-from usb_rig import joined, played, random_recording, same, silent
+from usb_rig import HandClock, joined, played, random_recording, same, silent
 
 from evis.events import Events
 from nodes.camera.interface.driver import Reading
@@ -225,33 +225,35 @@ def test_a_register_that_is_looked_at_while_it_is_written(tmp_path):
 def test_a_region_that_changes_in_mid_stream(name, file, size, tmp_path):
     """All events before, and of those behind all that lie in the region; then all again. Nothing else is lost."""
     sent = random_recording(tmp_path / file, *size, n=12_000, span_us=900_000)
-    driver = played(name, tmp_path / file, speed=1.0)
-    spans: list[tuple[int, int]] = []
+    clock = HandClock()
+    driver = played(name, tmp_path / file, speed=1.0, clock=clock)
     readings: list[Reading] = []
+
+    def read_until(stop_ns: int) -> None:
+        clock.ns = stop_ns
+        while not driver.ended and (not readings or readings[-1].stamp_ns < stop_ns - slack):
+            if (reading := driver.read(0.2)) is not None:
+                readings.append(reading)
+
+    # the device makes a stretch of up to 20 ms beforehand; the host ends a packet of 1 ms with the event behind it
+    cut, whole, slack = 300 * MS, 600 * MS, 25 * MS
     with driver:
         driver.configure(driver.settings_type().of({"decoder": "numpy"}))
         driver.start()
-        for wait_ns, width in ((300 * MS, 100), (600 * MS, 0)):
-            while not readings or readings[-1].stamp_ns < wait_ns:
-                if (reading := driver.read(0.2)) is not None:
-                    readings.append(reading)
-            assert (driver.device_now_ns() or 0) > readings[-1].stamp_ns
-            driver.change(driver.changed_settings({"roi_x": 50 if width else 0, "roi_width": width}))
-            spans.append((readings[-1].stamp_ns, driver.device_now_ns() or 0))
-        while not driver.ended:
-            if (reading := driver.read(0.2)) is not None:
-                readings.append(reading)
+        assert clock.begun.wait(60.0)
+        read_until(cut)
+        driver.change(driver.changed_settings({"roi_x": 50, "roi_width": 100}))
+        read_until(whole)
+        driver.change(driver.changed_settings({"roi_x": 0, "roi_width": 0}))
+        read_until(1000 * MS)
+        assert driver.ended
         assert not {"bytes_lost", "words_unknown", "time_fell", "gaps", "events_stepped_back"} & set(driver.counters())
-    (cut, cut_end), (whole, whole_end) = spans
-    assert readings[0].stamp_ns < cut < cut_end < whole < whole_end
     inside = (sent.x >= 50) & (sent.x < 150)
     got = joined(readings)
-    # an emulated device makes a stretch of 1 ms beforehand, and on a busy machine hands over what is older
-    slack = 20 * MS
     for begin, stop, wanted in (
-        (0, cut, sent),
-        (cut_end + slack, whole, sent[inside]),
-        (whole_end + slack, 2**62, sent),
+        (0, cut - slack, sent),
+        (cut + slack, whole - slack, sent[inside]),
+        (whole + slack, 2**62, sent),
     ):
         assert same_between(got, wanted, begin, stop)
 

@@ -1,4 +1,5 @@
-"""Tells which lamps do not shine on what a pixel sees, as a sum of keys that two instants have in common or not."""
+"""Tells which lamps do not shine on what a pixel sees, as a sum of keys that two instants have in common or not, and
+when what they shine turns from more to less."""
 
 from functools import cache
 
@@ -14,6 +15,53 @@ from nodes.renderer.shadows.ray_kernels import LIFT, make_occlusion
 wp.set_module_options({"enable_backward": False})
 
 NOTHING = wp.constant(wp.uint64(0))
+
+
+@wp.struct
+class LogIrradiance:
+    """Holds how ln of the irradiance on a surface goes: since part `at` of an interval it goes up (way 1) or down (-1),
+    or has not yet gone as far as to tell (0)."""
+
+    low: float
+    """The least since its last turn."""
+    high: float
+    """The most since then."""
+    at: int
+    way: int
+
+
+@wp.func
+def log_irradiance_at(e: float, part: int):
+    """Begins with ln of the irradiance at a part."""
+    begun = LogIrradiance()
+    begun.low = e
+    begun.high = e
+    begun.at = part
+    begun.way = 0
+    return begun
+
+
+@wp.func
+def gone_on(before: LogIrradiance, e: float, part: int, jump: float):
+    """Goes on with ln of the irradiance at a later part; gives how it goes now, and at which part it has turned, or 0.
+
+    jump: how far it goes the other way for a turn to count.
+    """
+    now = log_irradiance_at(e, part)
+    now.way = before.way
+    further = (e > before.high and before.way >= 0) or (e < before.low and before.way <= 0)
+    peak = wp.where(further, part, before.at)
+    low = wp.min(before.low, e)
+    high = wp.max(before.high, e)
+    if before.way != 0 and wp.where(before.way > 0, high - e, e - low) > jump:
+        now.way = -before.way
+        return now, peak
+    now.low = low
+    now.high = high
+    now.at = peak
+    if before.way == 0 and high - low > jump:
+        now.way = wp.where(e == high, 1, -1)
+    return now, 0
 
 
 @wp.func

@@ -7,9 +7,9 @@ import numpy as np
 
 from evis.geometry import se3
 from evis.scene.model import WORLD
+from nodes.interpolator.refine.probing.body_boxes import BodyBoxes
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.raster.visibility import Visibility
-from nodes.renderer.shadows.boxes import half_extents
 
 LOOKED_AT = 256
 """Instants of a gap at which lamps are looked at, at most."""
@@ -42,9 +42,8 @@ class LampTurns:
         self._at = np.array([at for _, at, *_ in tracks]).reshape(-1, 3)
         self._placed = np.array([placed for *_, placed, _ in tracks], bool)
         self._least = NEAR * np.array([wide for *_, wide in tracks])
-        which = np.flatnonzero(geometry.body != visibility.camera_body)
-        self._boxes = geometry.body[which], geometry.rotation[which], geometry.translation[which]
-        self._half = half_extents(visibility)[which]
+        others = np.flatnonzero(geometry.body != visibility.camera_body)
+        self._boxes = BodyBoxes(visibility, others)
 
     def shortest(self, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Gives that time, float64 [E] instants; inf where nothing turns about once in the gap.
@@ -68,12 +67,5 @@ class LampTurns:
     def _distance(self, at: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Gives how far places [E, J, 3] are from the nearest side of a box of what is not on the same body, float64
         [E, J] m."""
-        body, rotation, translation = self._boxes
-        # The world's own boxes are on body -1.
-        world = np.broadcast_to(se3.IDENTITY, (len(rest), 1, 7))
-        stand = np.concatenate([rest, world], axis=1)[:, None, body]
-        seen = se3.transform(se3.inverse(stand), at[:, :, None]) - translation
-        beyond = np.abs(np.einsum("ejik,ikl->ejil", seen, rotation)) - self._half
-        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
-        away = np.where(outside > 0.0, outside, -beyond.max(axis=-1))
-        return np.where(self._body[:, None] == body, np.inf, away).min(axis=-1, initial=np.inf)
+        away = np.stack([self._boxes.sides(rest, at[:, j]) for j in range(at.shape[1])], axis=1)
+        return np.where(self._body[:, None] == self._boxes.body, np.inf, away).min(axis=-1, initial=np.inf)

@@ -7,7 +7,14 @@ import warp as wp
 
 from nodes.interpolator.refine.evaluation.visibility_kernels import make_trace_between
 from nodes.interpolator.refine.light.facet_kernels import make_facets_between, sections_of
-from nodes.interpolator.refine.light.lamp_kernels import NOTHING, make_hidden_lamps, make_turned_lamps
+from nodes.interpolator.refine.light.lamp_kernels import (
+    NOTHING,
+    LogIrradiance,
+    gone_on,
+    log_irradiance_at,
+    make_hidden_lamps,
+    make_turned_lamps,
+)
 from nodes.interpolator.refine.window_kernels import (
     FEW_REGISTERS,
     PixelInterval,
@@ -102,10 +109,8 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
             turned = NOTHING
             asked = wp.int32(MISS)
             flag = wp.int32(0)
-            low = float(0.0)
-            high = float(0.0)
-            turn_at = wp.int32(0)
-            heading = wp.int32(0)
+            shone = LogIrradiance()
+            followed = wp.bool(False)
             step = wp.where(facets == 0, every, 1)
             k = wp.where(parts == 0 or (casts == 0 and facets == 0), parts + 1, 0)
             before = ends.before
@@ -155,24 +160,13 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                             if t != MISS and (flag & MOVED) != 0:
                                 s = point_of(change, change.casters, there, hit, depth_of(hit) * px.d)
                                 e = log_irradiance(change, there, s)
-                                if not known or not same_surface(last, hit, scene.targets.pieces):
-                                    low = e
-                                    high = e
-                                    heading = 0
-                                if (e > high and heading >= 0) or (e < low and heading <= 0):
-                                    turn_at = k
-                                low = wp.min(low, e)
-                                high = wp.max(high, e)
-                                back = wp.where(heading > 0, high - e, e - low)
-                                if heading == 0:
-                                    if high - low > params.jump:
-                                        heading = wp.where(e == high, 1, -1)
-                                elif back > params.jump:
-                                    bits = bits | (ONE << wp.uint64(turn_at - 1))
-                                    heading = -heading
-                                    low = e
-                                    high = e
-                                    turn_at = k
+                                if followed and same_surface(last, hit, scene.targets.pieces):
+                                    shone, turned_at = gone_on(shone, e, k, params.jump)
+                                    if turned_at > 0:
+                                        bits = bits | (ONE << wp.uint64(turned_at - 1))
+                                else:
+                                    shone = log_irradiance_at(e, k)
+                            followed = t != MISS and (flag & MOVED) != 0
                         known = t != MISS
                         hidden = now
                         last = hit

@@ -171,15 +171,16 @@ def make_request_run(
 
 
 @cache
-def make_light_may_change(changes: LightChanges) -> Any:
-    """Makes the function `light_may_change`; changes: of light in the scene."""
+def make_light_flags(changes: LightChanges) -> Any:
+    """Makes the function `light_flags`; changes: of light in the scene."""
     point_flags = make_point_flags(changes) if changes.any else None
 
     @wp.func
-    def light_may_change(
+    def light_flags(
         params: WindowParameters, scene: WindowScene, change: Change, px: PixelInterval, i: int, hit: wp.uint64
     ):
-        """Tells whether light on what a pixel shows at instant i may change in the gap, beside lamps that flicker."""
+        """Gives what may change in the gap of the light on what a pixel shows at instant i, as `point_flags` does,
+        beside lamps that flicker; 0 where it shows nothing."""
         if wp.static(point_flags is not None):
             t = triangle_of(hit)
             if t != MISS:
@@ -188,16 +189,16 @@ def make_light_may_change(changes: LightChanges) -> Any:
                 at = row * scene.motions.shape[1] + body
                 to_a = shift_at(scene.motions, at)
                 to_b = shift_at(scene.motions, at + scene.motions.shape[0] // 2 * scene.motions.shape[1])
-                return point_flags(change, body, px.env, row, hit, depth_of(hit) * px.d, to_a, to_b) != 0
-        return False
+                return point_flags(change, body, px.env, row, hit, depth_of(hit) * px.d, to_a, to_b)
+        return 0
 
-    return light_may_change
+    return light_flags
 
 
 @cache
 def make_light_is_even(changes: LightChanges) -> Any:
     """Makes the function `light_is_even`; changes: of light in the scene."""
-    point_flags = make_point_flags(changes) if changes.any else None
+    light_flags = make_light_flags(changes)
 
     @wp.func
     def light_is_even(
@@ -205,26 +206,19 @@ def make_light_is_even(changes: LightChanges) -> Any:
     ):
         """Tells whether light on what a pixel shows at instant i goes evenly in the gap: nothing can come before a
         lamp, and what moves against it is in no beam and not glossy."""
-        if wp.static(point_flags is not None):
-            t = triangle_of(hit)
-            body = scene.targets.pieces[t][0]
+        flag = light_flags(params, scene, change, px, i, hit)
+        if flag == 0:
+            return True
+        if wp.static(changes.spot):
+            return False
+        if (flag & (LIT_ANEW | SHADED)) != 0:
+            return False
+        if wp.static(changes.view):
+            if (flag & VIEWED) != 0 and change.alpha[change.instance[triangle_of(hit)]] >= 0.0:
+                return False
+        if wp.static(changes.shadows):
             row = slot_row(params, px.env, px.k, i)
-            at = row * scene.motions.shape[1] + body
-            to_a = shift_at(scene.motions, at)
-            to_b = shift_at(scene.motions, at + scene.motions.shape[0] // 2 * scene.motions.shape[1])
-            position = depth_of(hit) * px.d
-            flag = point_flags(change, body, px.env, row, hit, position, to_a, to_b)
-            if flag == 0:
-                return True
-            if wp.static(changes.spot):
-                return False
-            if (flag & (LIT_ANEW | SHADED)) != 0:
-                return False
-            if wp.static(changes.view):
-                if (flag & VIEWED) != 0 and change.alpha[change.instance[t]] >= 0.0:
-                    return False
-            if wp.static(changes.shadows):
-                return in_the_open(flag, point_of(change, change.casters, row, hit, position))
+            return in_the_open(flag, point_of(change, change.casters, row, hit, depth_of(hit) * px.d))
         return True
 
     return light_is_even
@@ -236,7 +230,7 @@ def make_needs_midpoint(channels: int, changes: LightChanges) -> Any:
     make_request_single_surface."""
     # What light does otherwise goes on evenly, as far as frames tell.
     passing = changes.passes or changes.view
-    light_may_change = make_light_may_change(changes)
+    light_flags = make_light_flags(changes)
     pixel = pixel_type(channels)
 
     @wp.func
@@ -259,7 +253,7 @@ def make_needs_midpoint(channels: int, changes: LightChanges) -> Any:
             return True
         if wp.static(passing):
             # A shadow, a highlight or a lamp may have come and gone: frames alone do not tell.
-            return light_may_change(params, scene, change, px, (params.slots + 1) // 2, ends.before)
+            return light_flags(params, scene, change, px, (params.slots + 1) // 2, ends.before) != 0
         return False
 
     return needs_midpoint

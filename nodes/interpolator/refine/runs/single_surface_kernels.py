@@ -9,8 +9,8 @@ from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.refine.light.flicker_kernels import Marks, make_request_marks
 from nodes.interpolator.refine.paths.motion_kernels import moves
 from nodes.interpolator.refine.paths.run_path_kernels import (
+    make_light_flags,
     make_light_is_even,
-    make_light_may_change,
     make_needs_midpoint,
     make_request_run,
 )
@@ -104,7 +104,7 @@ def make_request_single_surface(
     request_run = make_request_run(lens, channels, waveform_count, relit, painted, textured, changes)
     light_is_even = make_light_is_even(changes)
     predict = make_predict(channels) if textured else None
-    needs_midpoint, light_may_change = make_needs_midpoint(channels, changes), make_light_may_change(changes)
+    needs_midpoint, light_flags = make_needs_midpoint(channels, changes), make_light_flags(changes)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FEW_REGISTERS)
     def request_single_surface(
@@ -163,7 +163,7 @@ def make_request_single_surface(
                 if one and not changed:
                     done = True
                     at_b = (env * view.height + px.y) * view.width + px.x
-                    calm = not light_may_change(params, scene, change, px, each // 2, ends.before)
+                    calm = light_flags(params, scene, change, px, each // 2, ends.before) == 0
                     last, rise = request_marks(
                         params,
                         keys,
