@@ -34,15 +34,16 @@ class Chunk:
     """Holds one buffer: `data` (uint8 view of what was read), host time of its arrival [ns], bytes lost before it.
 
     gap: something is missing before it even where `lost` cannot say how much (a stall in the middle of the stream).
+    reads: how many reads it holds.
     """
 
-    __slots__ = ("buffer", "data", "gap", "lost", "t_host_ns", "whole")
+    __slots__ = ("buffer", "data", "gap", "lost", "reads", "t_host_ns", "whole")
 
     def __init__(self, size: int) -> None:
         self.buffer = array.array("B", bytes(size))
         self.whole = np.frombuffer(self.buffer, np.uint8) if size else np.empty(0, np.uint8)
         self.data = self.whole[:0]
-        self.lost, self.gap, self.t_host_ns = 0, False, 0
+        self.lost, self.gap, self.t_host_ns, self.reads = 0, False, 0, 1
 
 
 class Reader:
@@ -108,7 +109,7 @@ class Reader:
             chunk.t_host_ns = self._full.popleft().t_host_ns
             parts.append(following.data)
         if len(parts) > 1:
-            chunk.data = np.concatenate(parts)
+            chunk.data, chunk.reads = np.concatenate(parts), len(parts)
         return chunk
 
     @property

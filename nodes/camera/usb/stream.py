@@ -117,7 +117,8 @@ class ReadingStream:
             if reading is not None:
                 return reading
             try:
-                chunk = self.reader.get(max(deadline - time.monotonic(), 0), joined=True)
+                # samples beside the stream are placed by when each read came
+                chunk = self.reader.get(max(deadline - time.monotonic(), 0), joined=self.imu_reader is None)
             except OSError as error:  # what had arrived before it comes first
                 reading = self._read_remainder()
                 if reading is not None:
@@ -238,6 +239,9 @@ class ReadingStream:
             earliest = int(t[before : buffer.n].min())
             if self._newest is not None and earliest < self._newest - FALL_NS:
                 self.counts["time_fell"] += 1
+            elif self._chunk is not None and self._chunk.reads > 1:
+                if (np.diff(t[before : buffer.n]) < -FALL_NS).any():
+                    self.counts["time_fell"] += 1
             self._newest, self._clock_due = int(t[buffer.n - 1]), True
             self._earliest = min(self._earliest, earliest)
         self._aside += aside

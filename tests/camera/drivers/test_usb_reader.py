@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import usb.core
 
 from evis.events import Events
 from evis.events.codecs.decoder import decoder_for
@@ -104,12 +106,39 @@ def test_many_short_reads_do_not_use_up_the_buffers():
     assert len(chunks) == 2000 and [c[0][0] for c in chunks] == [k % 251 for k in range(2000)]
 
 
+def test_short_reads_that_wait_come_together():
+    """Up to an eighth of a buffer, and not beyond a read behind which something is missing, nor past a full one."""
+    sizes = [100] * 12 + [5000] + [100] * 5
+    source = Source([bytes([k]) * size for k, size in enumerate(sizes)])
+    stalled = 4
+
+    def read(buffer, timeout_ms):
+        if source.taken == stalled and not reader.counts:
+            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+        return source.read(buffer, timeout_ms)
+
+    reader = Reader(read, lambda: None, 4, 8000)
+    source.allow(len(sizes) + 1)
+    reader.start()
+    assert source.done.wait(60)
+    got = []
+    for _ in range(4):
+        chunk = reader.get(60.0, joined=True)
+        got.append((bytes(chunk.data), chunk.gap))
+        reader.give_back(chunk)
+    assert [(sorted(set(data)), gap) for data, gap in got] == [
+        ([0, 1, 2, 3], False), (list(range(4, 12)), True), ([12], False), (list(range(13, 18)), False)
+    ]  # fmt: skip
+    assert b"".join(data for data, _ in got) == b"".join(source.blocks)
+    reader.close()
+
+
 def stream_of(blocks: list[bytes], encoding: str, overflow_before: set[int]) -> list:
     """Readings of a stream some of whose blocks are marked as following a loss."""
 
     class Marked(Reader):
-        def get(self, timeout_s):
-            chunk = super().get(timeout_s)
+        def get(self, timeout_s, joined=False):
+            chunk = super().get(timeout_s)  # one block each, so that `count` counts these
             if chunk is not None and self.count in overflow_before:
                 chunk.lost, chunk.gap = 77, True
             self.count += chunk is not None
