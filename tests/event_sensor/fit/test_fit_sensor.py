@@ -91,7 +91,7 @@ def test_a_sensor_is_found_from_any_seed(true, seed):
     assert "bandwidth_exponent" not in got
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (4, 5))])
 def test_recording_and_simulation_count_the_same_part_of_the_motion(seed):
     """What the border passes before the first angle that is known, or after the last, is counted on neither side."""
     clip = read_clip("film", *film.record(**FEW_EVENTS, seed=seed))
