@@ -9,12 +9,12 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError("evis.env needs Gymnasium: pip install 'evis[gym]'", name=error.name) from None
 
+from evis.env.observation import Observation
 from evis.env.observations import (
     CountImage,
     Frames,
     Joints,
     LastAction,
-    Observation,
     Poses,
     RawEvents,
     TimeSurface,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Never
 
 import numpy as np
@@ -14,8 +13,10 @@ from gymnasium.spaces import Dict, Space
 from evis.env.actions import Actions
 from evis.env.answers import of_each, told
 from evis.env.episodes import episode_seed, last_step
-from evis.env.observations import Frames, Moment, Observation, Setting
+from evis.env.observation import Moment, Observation, Observed, Setting, by_name, looks, of_events
+from evis.env.observations import Frames
 from evis.env.picture import Painter
+from evis.env.saved import BatchState
 from evis.env.state import State
 from evis.env.task import Task
 from evis.env.tasks import TASKS
@@ -23,13 +24,10 @@ from evis.runtime.clock import keyframe_stamp
 from evis.runtime.hosting.node_call import describe
 from evis.simulation.errors import Diverged, SimulationError
 from evis.simulation.run import AGAIN
-from evis.simulation.saved import SimulationState
 from evis.simulation.simulation import Simulation
 from evis.simulation.step import Step
 from nodes.event_sensor.parameters import LOOK_AHEAD
 
-Observed = Any
-"""An array [E, ...], or a dict of such."""
 _TAKEN = {
     "envs": "gymnasium.make_vec(..., num_envs=4) makes several",
     "outputs": "what is observed says what the simulation gives",
@@ -38,24 +36,8 @@ _TAKEN = {
 }
 """Arguments of a simulation that environments give by themselves."""
 
-
 _KEPT = ("steps", "_seeds", "_episodes", "_begun", "_actions", "_seen")
 """What a batch goes on from besides its simulation, its observations and its task."""
-
-
-@dataclass(frozen=True)
-class BatchState:
-    """Holds where the environments of a batch are. kinds, parts: what is observed, by name, and what that keeps.
-
-    kept: attributes of the batch. painted: what pictures are made of.
-    """
-
-    simulation: SimulationState
-    kinds: Mapping[str, type]
-    parts: Mapping[str, Any]
-    task: Any
-    kept: Mapping[str, Any]
-    painted: Mapping[int, Any]
 
 
 class Outcome(NamedTuple):
@@ -109,10 +91,10 @@ class Batch:
         for name, remedy in _TAKEN.items():
             if name in arguments or name in self.task.arguments:
                 raise ValueError(f"{name} is no argument of an environment; {remedy}")
-        self._parts = _by_name(copy.deepcopy(self.task.observation if observation is None else observation))
+        self._parts = by_name(copy.deepcopy(self.task.observation if observation is None else observation))
         outputs = dict.fromkeys([*(part.output for part in self._parts.values()), "state"])
         # Tells what the sensor is, and how often there is something of the camera.
-        outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if _looks(part))
+        outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if looks(part))
         given = {**self.task.arguments, **arguments, "envs": envs}
         for part in self._parts.values():
             given.update(part.ARGUMENTS)
@@ -152,7 +134,7 @@ class Batch:
         spaces: dict[str, Space[Any]] = {}
         for name, part in self._parts.items():
             height, width, apart = 0, 0, 1
-            if _looks(part):
+            if looks(part):
                 camera = part.camera or simulation.cameras[0]
                 seen, info = simulation.scene.camera(camera), first.cameras[camera].info
                 height, width = seen.height, seen.width
@@ -180,7 +162,7 @@ class Batch:
     def _check_crossing(self, step: Step) -> None:
         """Raises ValueError where events come later than the step that they are of. step: one that begins a run."""
         cameras = self.simulation.cameras
-        for camera in {part.camera or cameras[0] for part in self._parts.values() if _of_events(part)}:
+        for camera in {part.camera or cameras[0] for part in self._parts.values() if of_events(part)}:
             info = step.cameras[camera].info
             if info is not None and (crossing := info.sensor.get("crossing")) in LOOK_AHEAD:
                 raise ValueError(
@@ -337,31 +319,3 @@ class Batch:
         raise SimulationError(
             "an environment cannot be copied or pickled; make one where it is needed, by gymnasium.make"
         )
-
-
-def _by_name(observation: Any) -> dict[str, Observation]:
-    """Names the parts of an observation; one alone has the name ''. Raises ValueError for what is no observation."""
-    if isinstance(observation, Observation):
-        return {"": observation}
-    if not isinstance(observation, Mapping) or not all(
-        isinstance(name, str) and name and isinstance(part, Observation) for name, part in observation.items()
-    ):
-        raise ValueError(f"observation is {observation!r:.80}; several are observations by name, no name being empty")
-    if not observation:
-        raise ValueError("nothing is observed; give one observation, or several by name")
-    return dict(observation)
-
-
-def _looks(part: Observation) -> bool:
-    """Tells whether an observation is made through a camera: the state is not, and the graph may have none then."""
-    return part.OUTPUT != "state"
-
-
-def _of_events(part: Observation) -> bool:
-    """Tells whether an observation is made of events."""
-    return part.OUTPUT == "events"
-
-
-def row(observed: Observed, env: int) -> Observed:
-    """Returns the observation of one environment."""
-    return {name: value[env] for name, value in observed.items()} if isinstance(observed, dict) else observed[env]

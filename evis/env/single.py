@@ -8,8 +8,10 @@ import gymnasium
 import numpy as np
 
 from evis.client.resets import seeds_of
-from evis.env.batch import Batch, BatchState, row
+from evis.env.batch import Batch
+from evis.env.observation import row
 from evis.env.picture import RENDER_MODE, is_drawn
+from evis.env.saved import BatchState
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.env.observations import Observation
+from evis.env.observation import Observation
 from evis.env.state import State
 
 SMALL = {"width": 64, "height": 64, "keyframe_rate": 50.0, "upsampling": 1, "interpolator": "none"}

@@ -12,8 +12,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from evis.client.resets import seeds_of
-from evis.env.batch import Batch, BatchState, Observed, row
+from evis.env.batch import Batch
+from evis.env.observation import Observed, row
 from evis.env.picture import RENDER_MODE, is_drawn
+from evis.env.saved import BatchState
 from evis.env.task import Task
 from evis.simulation.simulation import Simulation
 

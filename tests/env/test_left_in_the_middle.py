@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 import evis
 from evis.env import EventEnv, EventVectorEnv, Observation, State, Task, TimeSurface, VoxelGrid
-from evis.env.observations import Moment, Setting
+from evis.env.observation import Moment, Setting
 from evis.env.task import SMALL
 from evis.scene import load_scene
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evis.env.observations import Moment, Setting
+from evis.env.observation import Moment, Setting
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "tasks"
 SIZE = WIDTH, HEIGHT = 32, 24

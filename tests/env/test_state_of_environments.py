@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 import evis.env
 from evis.env import EventEnv, EventVectorEnv, Frames, Joints, LastAction, TimeSurface, VoxelGrid
-from evis.env.observations import Moment, Setting
+from evis.env.observation import Moment, Setting
 
 SMALL: dict[str, Any] = {"width": 32, "height": 32, "preset": "dvs128"}
 SEEN = {"surface": TimeSurface(), "picture": Frames(), "action": LastAction(), "joints": Joints()}

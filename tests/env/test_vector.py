@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import evis.env
 from evis.env import CountImage, Frames, Joints, LastAction, RawEvents, TimeSurface, VoxelGrid
-from evis.env.observations import Moment, Setting
+from evis.env.observation import Moment, Setting
 
 SMALL = {"width": 32, "height": 32}
 SIZE = {**SMALL, "seconds": 0.3}
