@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Never, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,14 @@ class RunState:
     first: int
     physics: Any
     nodes: Mapping[str, Any]
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self  # nobody changes it
+
+    def __reduce__(self) -> Never:
+        raise SimulationError(
+            "a state is not for files and other processes, and cannot be pickled; there, take the same actions again"
+        )
 
 
 @dataclass(frozen=True)

@@ -179,6 +179,7 @@ def test_a_closed_simulation_says_so() -> None:
         (lambda sim: sim.alone(sim.step(), 0.5), "no environment 0.5; there are environments 0 to 1"),
         (copy.copy, "cannot be copied or pickled; make one"),
         (pickle.dumps, "cannot be copied or pickled; make one"),
+        (lambda sim: pickle.dumps(sim.state()), "a state is not for files and other processes, and cannot be pickled"),
     ],
 )
 def test_what_cannot_be_asked_for(arm: evis.Simulation, call: Any, says: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from pathlib import Path
 from typing import Any
@@ -205,8 +206,9 @@ def test_a_reset_right_behind_a_state() -> None:
         state = sim.state()
         expected = sim.reset(envs=[1])
         assert moved[0].any() and np.array_equal(expected.motion[0], moved[0]) and not expected.motion[1].any()
-        sim.restore(state)
-        assert_same([content(sim.reset(envs=[1]))], [content(expected)])
+        for kept in (state, copy.deepcopy(state), copy.copy(state)):
+            sim.restore(kept)
+            assert_same([content(sim.reset(envs=[1]))], [content(expected)])
 
 
 def test_biases_of_an_inertial_unit_walk_on(tmp_path: Path) -> None:
