@@ -108,8 +108,8 @@ def stream_of(blocks: list[bytes], encoding: str, overflow_before: set[int]) -> 
     """Readings of a stream some of whose blocks are marked as following a loss."""
 
     class Marked(Reader):
-        def get(self, timeout_s):
-            chunk = super().get(timeout_s)
+        def get(self, timeout_s, joined=False):
+            chunk = super().get(timeout_s)  # one block each
             if chunk is not None and self.count in overflow_before:
                 chunk.lost, chunk.gap = 77, True
             self.count += chunk is not None
