@@ -89,14 +89,17 @@ def private_key(consumer: str, token: str) -> bytes:
 
 
 def open_socket(context: zmq.Context, kind: int, high_water_mark: int = 0) -> zmq.Socket:
-    """Opens a socket with the bus's options: queue length, heartbeats, fast reconnection."""
+    """Opens a socket with the bus's options: queue length, heartbeats where it has no limit, fast reconnection."""
     sock = context.socket(kind)
     sock.setsockopt(zmq.LINGER, 0)
     sock.setsockopt(zmq.SNDHWM, high_water_mark)
     # An XPUB holds nothing back that it is told: libzmq 4.3.5 may abort when a peer hangs up during that.
     sock.setsockopt(zmq.RCVHWM, 0 if kind == zmq.XPUB else high_water_mark)
-    sock.setsockopt(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
-    sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
+    # Behind a full queue heartbeats lie unread: who did not read for some seconds would be taken for dead, and libzmq
+    # 4.3.5 aborts a process whose full socket connects anew.
+    if not high_water_mark:
+        sock.setsockopt(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+        sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
     sock.setsockopt(zmq.RECONNECT_IVL, 10)
     sock.setsockopt(zmq.RECONNECT_IVL_MAX, 200)
     if kind == zmq.XPUB:

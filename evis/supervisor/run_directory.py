@@ -20,6 +20,8 @@ LOCK = "lock"
 _LONGEST_ROOT = 40
 """Longest root that leaves a socket's path room [characters]; the system's limit is 107."""
 _SETTLE_S = 60.0
+_CLEANUP_S = 10.0
+"""Longest wait for the clean-up process, which has nothing left to do [s]."""
 
 
 def root() -> Path:
@@ -129,4 +131,5 @@ class RunDirectory:
         if self._cleanup.stdin is not None:
             with contextlib.suppress(OSError):
                 self._cleanup.stdin.close()
-        self._cleanup.wait(10)
+        with contextlib.suppress(subprocess.TimeoutExpired):  # stopped, or on a busy machine: it ends by itself
+            self._cleanup.wait(_CLEANUP_S)

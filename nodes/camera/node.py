@@ -234,16 +234,17 @@ class CameraNode(Node):
     def _change_settings(self, message: Message) -> None:
         """Writes settings, and has the camera's description published with what holds then. Raises ValueError."""
         wanted = self._wanted(message)
-        begun_ns = self.driver.device_now_ns()
-        if begun_ns is None:
-            begun_ns = self._stamp_ns
+        # the host's estimate may be late by what the stream is; what was published is past
+        begun_ns = max(self.driver.device_now_ns() or 0, self._stamp_ns)
         changed: list[str] | None = None
         try:
             changed = self.driver.change(wanted)
         finally:
             if changed != []:
                 begun_ns = self._changed_ns[0] if self._info_due else begun_ns
-                self._changed_ns, self._info_due = [begun_ns, self.driver.device_now_ns()], True
+                ended_ns = self.driver.device_now_ns()
+                ended_ns = None if ended_ns is None else max(ended_ns, self._stamp_ns)
+                self._changed_ns, self._info_due = [begun_ns, ended_ns], True
         if not changed:
             return
         self._set_since |= {name: getattr(wanted, name) for name in changed}

@@ -189,7 +189,7 @@ def test_rows_are_chosen_by_words():
 def test_a_run_is_measured(monkeypatch):
     """Its windows, what its kernels take, its memory and its first event are in its row; others have none."""
     monkeypatch.setattr("bench.throughput.sections.CASES", (TINY,))
-    made = gpu_graph.measure(True, "cpu", rows=("disk",), sections=("frames",), timeout=60)
+    made = gpu_graph.measure(True, "cpu", rows=("disk",), sections=("frames",), timeout=600)
     (row,) = made["frames"]["rows"]
     assert row["run"] == "disk 30x8 32x24" and row["unit"] == "RTF" and row["not measured"] is None
     assert 0 < row["min"] <= row["median"] <= row["max"] and row["windows"] == 5

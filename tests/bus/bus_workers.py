@@ -12,13 +12,16 @@ import numpy as np
 import zmq
 
 import evis.bus.memory.mapping
-from evis.bus import END, Endpoints, Publisher, Subscriber
+from evis.bus import END, Endpoints, Publisher, Subscriber, wire
 from msgs.camera import Depth
 from msgs.header import Header, Message
 
 TOPIC = "/cam0/depth"
 SIZES = ((1, 4, 6), (1, 100, 90), (1, 120, 160), (2, 90, 100), (1, 3, 3))
 """Below and above the inline limit, and growing, so that the ring must grow."""
+
+QUICK_HEARTBEATS = 20, 100
+"""Their interval and the time for an answer [ms]: what takes the bus seconds happens at once."""
 
 
 def image(i: int) -> np.ndarray:
@@ -134,6 +137,19 @@ def read(pipe: Any, endpoints: Endpoints, name: str, options: dict[str, Any]) ->
         "hash": sha.hexdigest(), "count": count, "lost": subscriber.lost, "rejected": subscriber.rejected,
         "changed": changed + sum(m.depth.tobytes() != before for m, before in kept), "shared": shared,
     })  # fmt: skip
+    subscriber.close()
+    context.term()
+
+
+def lag(pipe: Any, endpoints: Endpoints) -> None:
+    """A tap's process that reads nothing until it is told a number, then all until a message has that number."""
+    wire.HEARTBEAT_MS, wire.HEARTBEAT_TIMEOUT_MS = QUICK_HEARTBEATS
+    context = zmq.Context()
+    subscriber = subscriber_on(context, endpoints, "program", tap=True, every=True)
+    seq = pipe.recv()
+    while (message := subscriber.receive(60_000)) is not None and message.header.seq < seq:
+        pass
+    pipe.send(message is not None)
     subscriber.close()
     context.term()
 

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import signal
 import time
 
 import numpy as np
 import pytest
-from bus_workers import TOPIC, image, meet, publish, publisher_on, send_stream, subscriber_on, wait_for
+from bus_workers import (
+    QUICK_HEARTBEATS,
+    TOPIC,
+    image,
+    lag,
+    meet,
+    publish,
+    publisher_on,
+    send_stream,
+    subscriber_on,
+    wait_for,
+)
 
 from evis.bus import BusError, PeerLost, wire
 from evis.supervisor.silence import SILENCE_S
@@ -52,6 +64,28 @@ def test_a_frozen_consumer_is_named(context, endpoints, reader):
     send_stream(publisher, 10)
     os.kill(child.process.pid, signal.SIGSTOP)
     assert_named(publisher)
+
+
+def test_a_tap_that_is_not_read_for_long_is_read_again(context, endpoints, child, monkeypatch):
+    """Heartbeats lay unread behind its full queue, the connection was made anew, and that ended its process."""
+    for name, value in zip(("HEARTBEAT_MS", "HEARTBEAT_TIMEOUT_MS"), QUICK_HEARTBEATS):
+        monkeypatch.setattr(wire, name, value)
+    publisher = publisher_on(context, endpoints, [])
+    reader = child(lag, endpoints)
+    wait_for(lambda: (publisher.pump(), publisher._tap.eager)[1])
+    numbers = itertools.count()
+
+    def send() -> None:
+        publisher.send(Depth(Header(next(numbers)), depth=np.zeros((1, 100, 100), np.float32)))
+        publisher.pump()
+        time.sleep(0.002)
+
+    for _ in range(500):
+        send()
+    reader.pipe.send(500)
+    wait_for(lambda: (send(), reader.pipe.poll())[1])
+    assert reader.hear() is True
+    publisher.close()
 
 
 def test_a_killed_publisher_is_noticed_and_leaves_no_memory(context, endpoints, child, no_heartbeats):

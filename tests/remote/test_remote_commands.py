@@ -103,11 +103,17 @@ def messages_of(bag: Path) -> dict[tuple[str, int], bytes]:
 def test_a_bag_there_is_the_bag_here(near_and_far: tuple[Host, Host]) -> None:
     near, far = near_and_far
     graph, server, follower = bridged(near, far, "*/depth")
-    words = ["bag", "record", "--topics", "*/depth", "--duration", "4", "--json"]
+    words = ["bag", "record", "--topics", "*/depth", "--json"]
     recorders = [host.start(*words[:2], f"{name}.mcap", *words[2:]) for name, host in (("near", near), ("far", far))]
+    bags = [near.folder / f"{name}.mcap" for name in ("near", "far")]
+    until(lambda: all(bag.exists() for bag in bags))
+    sizes = [bag.stat().st_size for bag in bags]
+    until(lambda: all(bag.stat().st_size > size + 8_000 for bag, size in zip(bags, sizes)))
+    for recorder in recorders:
+        recorder.send_signal(signal.SIGINT)
     told = [json.loads(recorder.communicate(timeout=LIMIT_S)[0]) for recorder in recorders]
     assert told[0]["topics"] == told[1]["topics"] and {"/cam0/depth", "/cam0/events"} <= {*told[0]["topics"]}
-    here, there = (messages_of(near.folder / f"{name}.mcap") for name in ("near", "far"))
+    here, there = map(messages_of, bags)
     if not any(one.get("lost") for one in told):
         for topic in ("/cam0/depth", "/cam0/events"):
             times = [sorted(time for name, time in bag if name == topic) for bag in (here, there)]
@@ -117,8 +123,8 @@ def test_a_bag_there_is_the_bag_here(near_and_far: tuple[Host, Host]) -> None:
     both = here.keys() & there.keys()
     assert len(both) > 20 and all(here[key] == there[key] for key in both)
 
-    hz = json.loads(far.run("topic", "hz", "/cam0/events", "--window", "1", "--json")[1])
-    assert hz["seen"] > 2
+    hz = ["topic", "hz", "/cam0/events", "--window", "1", "--json"]
+    until(lambda: (done := far.run(*hz))[0] == 0 and json.loads(done[1])["seen"] > 2)
     assert far.run("topic", "echo", "/clock", "-n", "1", "--timeout", "30")[0] == 0
     assert "/cam0/ids" not in json.loads(far.run("topic", "list", "--json")[1])["topics"]
     assert "--topics" in far.run("topic", "echo", "/cam0/ids", "-n", "1")[2]

@@ -13,15 +13,18 @@ from typing import Any
 import pytest
 import zmq
 
-from evis.bus import END, Subscriber, endpoints_for
+from evis.bus import Subscriber, endpoints_for
 from evis.runtime.executor import Executor
 from evis.runtime.hosting.node_call import NodeFailed
+from evis.runtime.hosting.wiring import TAP_HZ
 from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from msgs.camera import Depth
 
 sys.path.insert(0, str(Path(__file__).parent))
 from plan_runs import run_in_threads
 
+LIMIT_S = 60.0
+"""For all that is waited for."""
 SPREADS = {
     "composed": ["p", "p", "p"],
     "source alone": ["a", "b", "b"],
@@ -83,21 +86,31 @@ def test_who_wants_every_message_of_a_dormant_node_misses_none_uncounted(
     threads = [threading.Thread(target=executor.run, daemon=True) for executor in executors]
     reader.start()
     threads[1].start()
-    time.sleep(0.3)  # the doubler hears of its reader, and asks
+    counted, doubled = (e._hosts[n].publishers[t] for e, n, t in zip(executors, plan.nodes, plan.topics))
+    # the doubler hears of its reader, and asks; the counter's thread serves its publisher later
+    end = time.monotonic() + LIMIT_S
+    while not (doubled.wanted() and counted.wanted() and counted.tapped_by_eager() == every):
+        assert time.monotonic() < end, "the reader is not heard of"
+        counted.pump()
+        time.sleep(0.005)
+    began = time.monotonic()
     threads[0].start()
-    values = []
-    while (message := reader.receive(1000)) is not None and message is not END:
-        values.append(int(message.depth.flat[0]) // 2)
-    executors[1].stop()
-    for thread in threads:
-        thread.join(60.0)
-    assert not any(thread.is_alive() for thread in threads)
+    values: list[int] = []
+    while threads[1].is_alive():
+        assert time.monotonic() < began + LIMIT_S, "the doubler does not end"
+        if isinstance(message := reader.receive(100), Depth):
+            values.append(int(message.depth.flat[0]) // 2)
+        elif not threads[0].is_alive():
+            executors[1].stop()
+    took_s = time.monotonic() - began
+    threads[0].join(LIMIT_S)
+    assert not threads[0].is_alive()
     assert values == sorted(set(values)) and len(values) > 10
     missing = values[-1] - values[0] + 1 - len(values)
     if every:
-        assert reader.lost == missing and (missing > 0 if slow else len(values) > 0.9 * count)
+        assert reader.lost == missing and (missing > 0 if slow else len(values) > 0.5 * count)
     else:
-        assert missing > count / 2
+        assert len(values) <= 2 + TAP_HZ * took_s
     reader.close()
     context.destroy(linger=0)
     for executor in executors:
@@ -162,9 +175,7 @@ def test_realtime_follows_the_stamps(tmp_path: Path) -> None:
     plan.mode = "realtime"
     executor = Executor(plan, "p")
     executor.setup()
-    executor.wait_connected(60.0)
-    import time
-
+    executor.wait_connected(LIMIT_S)
     start = time.monotonic()
     executor.run()
     assert time.monotonic() - start >= 0.039

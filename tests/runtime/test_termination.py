@@ -20,6 +20,7 @@ def status(code: str) -> tuple[int, str]:
 
 def test_what_is_half_done_is_finished_first() -> None:
     code = (
+        "termination.GRACE_S = 60\n"
         "os.kill(os.getpid(), signal.SIGTERM)\n"
         "pins = 1\npins -= 1\nprint(pins, t.asked)\n"
         "os.kill(os.getpid(), signal.SIGTERM)\n"

@@ -115,6 +115,7 @@ def test_half_open_requests_are_closed(
     site = make_site()
     with site.open(head) as connection:
         assert status(rest(connection)) in (b"", b"400")
+    monkeypatch.setattr(gate, "HEAD_S", 1e6)  # a busy machine may take longer over a whole one
     assert status(site.page()) == b"200"
 
 

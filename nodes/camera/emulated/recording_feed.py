@@ -62,8 +62,8 @@ class _PacedFeed(Feed):
             if self._origin is None:
                 self._origin = (self._now(), due)
             due_at = self._origin[0] + round((due - self._origin[1]) / self._speed)
-            if due_at > self._now():
-                self._sleep(min((due_at - self._now()) / NS, timeout_s))
+            if (early := due_at - self._now()) > 0:
+                self._sleep(min(early / NS, timeout_s))
             late = self._now() - due_at
             if late < 0:
                 return

@@ -112,14 +112,29 @@ def test_a_disk_that_fills_behind_the_callers_back(tmp_path, monkeypatch, told):
 
 
 def test_no_more_waits_than_there_is_room_for(tmp_path, monkeypatch):
-    """Of a disk that is slower for good the sender hears by waiting, and memory does not fill."""
+    """Of a disk that stands still the sender hears by waiting, and memory does not fill."""
     monkeypatch.setattr("evis.bag.mcap.background_worker.MAX_BYTES", 8_000_000)
-    Disk(monkeypatch, 0.1)
+    disk = Disk(monkeypatch)
     writer, waiting = BagWriter(tmp_path / "a.mcap", threads=2), []
-    for k in range(6):
-        writer.write("/cam0/events", packet(k))
-        waiting.append(writer.container._worker._bytes)
-    assert max(waiting) <= 8_000_000 and waiting[-1] > 2_000_000
+    writer.write("/cam0/events", packet(0))
+    disk.moves.clear()
+
+    def send():
+        for k in range(1, 6):
+            writer.write("/cam0/events", packet(k))
+            waiting.append(writer.container._worker._bytes)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    end = time.monotonic() + 60
+    while max(waiting, default=0) < 2_000_000:
+        assert time.monotonic() < end, "nothing waits"
+        time.sleep(0.01)
+    sender.join(1.0)
+    assert sender.is_alive()
+    disk.moves.set()
+    sender.join(60)
+    assert not sender.is_alive() and max(waiting) <= 8_000_000
     writer.close()
     assert len(times(tmp_path / "a.mcap")[0]) == 6
 

@@ -106,9 +106,11 @@ def test_a_failed_sync_ends_the_recording_and_says_so(tmp_path, monkeypatch):
     """What was written until then can be read."""
     disk = Disk(monkeypatch)
     writer = BagWriter(tmp_path / "a.mcap", sync=True)
+    disk.gate.clear()  # no sync returns before it fails
     write(writer)
     writer.flush()
     disk.error = errno.EIO
+    disk.gate.set()
     assert until(lambda: writer.container.failure)
     with pytest.raises(BagError, match=r"a\.mcap: Input/output error while bringing it to the disk; .* on the disk"):
         write(writer, 1)
@@ -122,8 +124,10 @@ def test_a_failure_that_no_message_met_is_told_at_the_end(tmp_path, monkeypatch,
     """The graph ended before another message came."""
     disk = Disk(monkeypatch, 0.05 if when == "before" else 1e6)
     writer = BagWriter(tmp_path / "a.mcap", sync=True)
+    disk.gate.clear()  # no sync returns before it fails
     write(writer)
     disk.error = errno.ENOSPC
+    disk.gate.set()
     assert when == "at" or until(lambda: writer.container.failure)
     with pytest.raises(BagError, match="No space left on device while bringing it to the disk"):
         writer.close()

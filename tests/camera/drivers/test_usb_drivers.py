@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import time
 
 import numpy as np
 import pytest
@@ -138,12 +139,31 @@ def test_identity(name):
 
 def test_real_pace_takes_the_recordings_time(tmp_path):
     """At speed 20, 0.4 s of device time are not over in less than 0.02 s, and all events are there."""
-    import time
-
     sent = random_recording(tmp_path / "a.raw", 640, 480)
     began = time.monotonic()
     assert same(joined(run(played("silkyevcam", tmp_path / "a.raw", speed=20.0))), sent)
     assert time.monotonic() - began > 0.0195
+
+
+class HeldUpClock:
+    """A clock of a busy machine: 0.4 ms pass between any two looks at it."""
+
+    def __init__(self) -> None:
+        self.ns = 0
+
+    def now(self) -> int:
+        self.ns += 400_000
+        return self.ns
+
+    def sleep(self, seconds: float) -> None:
+        time.sleep(min(seconds, 0.0))  # which refuses less than 0
+        self.ns += round(seconds * 1e9)
+
+
+def test_a_wait_that_is_over_before_it_begins(tmp_path):
+    """The process is held up between two looks at the clock, as on a busy machine: the stream goes on."""
+    sent = random_recording(tmp_path / "a.raw", 640, 480)
+    assert same(joined(run(played("silkyevcam", tmp_path / "a.raw", speed=1.0, clock=HeldUpClock()))), sent)
 
 
 def test_a_recording_larger_than_the_camera_is_refused(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from usb_rig import joined, played, random_recording, run, same, silent
+from usb_rig import MS, HandClock, joined, played, random_recording, run, same, silent
 
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.find import list_devices
@@ -199,12 +199,15 @@ def test_faults_of_a_text():
 def test_a_driver_can_be_used_again(name, tmp_path):
     """Stop and start without closing: the sensor stops and sends again."""
     random_recording(tmp_path / "a.npz", MODELS[name].width, MODELS[name].height)
-    driver = played(name, tmp_path / "a.npz", speed=1.0)
+    clock = HandClock()
+    driver = played(name, tmp_path / "a.npz", speed=1.0, clock=clock)
     with driver:
         driver.configure(driver.settings_type().of({"decoder": "numpy"}))
         parts = []
-        for _ in range(2):
+        for until_ns in (100 * MS, 300 * MS):
             driver.start()
+            assert clock.begun.wait(60.0)
+            clock.ns = until_ns
             reading = driver.read(60.0)
             assert reading is not None
             parts.append(reading)

@@ -16,7 +16,7 @@ from running_chain import Launch, Write, nothing_left, running
 
 from evis.runtime.plan import NodePlan, Plan
 from evis.supervisor.child import Child
-from evis.supervisor.supervisor import CAUSE_S, Supervisor
+from evis.supervisor.supervisor import CAUSE_S, HELD_S, Supervisor
 
 
 @pytest.mark.parametrize("count", [0, 3])
@@ -126,28 +126,29 @@ def test_of_several_nodes_in_a_process_the_one_that_it_is_in_is_named(
     nothing_left(launcher, runtime)
 
 
-def test_a_launcher_that_was_held_up_takes_nobody_for_silent(
-    tmp_path: Path,
-) -> None:
+def test_a_launcher_that_was_held_up_takes_nobody_for_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After Ctrl-Z and `fg` a heartbeat is old only by the time in which this process could have heard another."""
     supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
     child = supervisor._children["ticker"] = Child("ticker", [], tmp_path)
-    now = time.monotonic()
-    supervisor._last_turn_at, child.heard_at = now - 100.0, now - 100.3
+    clock = SimpleNamespace(now_s=1000.0)
+    monkeypatch.setattr("evis.supervisor.supervisor.time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    supervisor._last_turn_at, child.heard_at = 900.0, 899.7
     supervisor._excuse_own_pause()
-    assert now - 0.4 < child.heard_at <= time.monotonic()
-    child.heard_at = now - 100.0
+    assert child.heard_at == pytest.approx(999.7)
+    clock.now_s += 0.9 * HELD_S
+    child.heard_at = 900.0
     supervisor._excuse_own_pause()
-    assert child.heard_at == now - 100.0
+    assert child.heard_at == 900.0
 
 
-def test_who_is_silent_is_named_before_who_misses_it(tmp_path: Path) -> None:
+def test_who_is_silent_is_named_before_who_misses_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The bus gives up a frozen process sooner than the supervisor does; then its neighbours leave, one by one."""
     supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
+    monkeypatch.setattr("evis.supervisor.silence.time", SimpleNamespace(monotonic=lambda: 1000.0))
     for name, silent_s in ("ticker", 6.0), ("relay", 0.1), ("collector", 1.0):
         child = supervisor._children[name] = Child(name, [], tmp_path, state="running", stats={"stamp_ns": 1})
         child.process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-        child.heard_at = time.monotonic() - silent_s
+        child.heard_at = 1000.0 - silent_s
     relay = supervisor._children["relay"]
     relay.state, relay.failure = "failed", ("relay", "collector:events is gone: it died, froze or left (topic /e)")
     try:
@@ -160,7 +161,7 @@ def test_who_is_silent_is_named_before_who_misses_it(tmp_path: Path) -> None:
         supervisor._kill_all()
 
 
-def test_who_is_slow_to_die_is_named_before_who_misses_it(tmp_path: Path) -> None:
+def test_who_is_slow_to_die_is_named_before_who_misses_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that was told to end closes its sockets at once, and takes its time over the rest."""
     supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
     ticker, relay = (Child(name, [], tmp_path, state="running") for name in ("ticker", "relay"))
@@ -168,7 +169,8 @@ def test_who_is_slow_to_die_is_named_before_who_misses_it(tmp_path: Path) -> Non
     supervisor._server = SimpleNamespace(send=lambda name, message: None)  # type: ignore[assignment]
     ticker.process = subprocess.Popen([sys.executable, "-c", "input(); exit(143)"], stdin=subprocess.PIPE)
     relay.state, relay.failure = "failed", ("relay", "ticker is gone: it died, froze or left (topic /e); see its log")
-    supervisor._failed_at = time.monotonic() - 1.0
+    monkeypatch.setattr("evis.supervisor.supervisor.time", SimpleNamespace(monotonic=lambda: 1000.0))
+    supervisor._failed_at = 999.0
     supervisor._end_in_order()
     assert supervisor._cause is None, "ticker's own is still to come"
     ticker.process.communicate(b"\n")

@@ -98,7 +98,7 @@ def test_a_launcher_that_dies_while_it_plans_leaves_nothing(runtime: Path, name:
     program = KILLED_IN_PLANNING.format(name=name)
     before = {process.pid for process in psutil.process_iter()}
     subprocess.run(
-        [sys.executable, "-c", program, "launch", "spinning_disk", "--compose", *SMALL], check=False, timeout=60
+        [sys.executable, "-c", program, "launch", "spinning_disk", "--compose", *SMALL], check=False, timeout=600
     )
     left = [p for p in psutil.process_iter(["cmdline"]) if p.pid not in before and _is_of(p, runtime)]
     assert all(gone(process) for process in left)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ import pytest
 
 from evis.cli.failure import one_line
 from evis.runtime.plan import Plan
+from evis.supervisor import run_directory
 from evis.supervisor.run_directory import RunDirectory, is_live, live_runs, root, sweep
 from evis.supervisor.supervisor import Supervisor
 
@@ -87,6 +89,19 @@ def test_the_run_directory_goes_after_a_launcher_that_was_killed(runtime: Path) 
     process.wait()
     process.stdout.close()
     assert gone(path)
+
+
+def test_a_clean_up_process_that_stands_still_fails_no_run(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has nothing left to do, and ends when it goes on."""
+    monkeypatch.setattr(run_directory, "_CLEANUP_S", 0.1)
+    run = RunDirectory()
+    run._cleanup.send_signal(signal.SIGSTOP)
+    try:
+        run.close()
+        assert not run.path.exists() and run._cleanup.poll() is None
+    finally:
+        run._cleanup.send_signal(signal.SIGCONT)
+    assert run._cleanup.wait(60) == 0
 
 
 def test_sweeping_spares_what_lives_and_what_is_young(runtime: Path) -> None:

@@ -62,10 +62,12 @@ def test_a_face_of_very_many_corners_is_refused_soon(tmp_path):
     points = [*((k, (k % 2) * 5) for k in x), *((k, -1 - (k % 2)) for k in x[::-1])]
     text = "".join(f"v {a} {b} 0\n" for a, b in points) + f"f {' '.join(map(str, range(1, 4001)))}\n"
     (tmp_path / "a.obj").write_text(text)
-    start = time.monotonic()
+    (tmp_path / "small.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    load_parts(tmp_path / "small.obj", np.ones(3))  # with its imports
+    start = time.thread_time()
     with pytest.raises(SceneError, match=r"a\.obj: has a face of 4000 corners that is not convex; the most is 256"):
         load_parts(tmp_path / "a.obj", np.ones(3))
-    assert time.monotonic() - start < 5
+    assert time.thread_time() - start < 2, "of this thread: other programs take of the machine what they take"
 
 
 def test_numbers_below_0_count_back_from_their_face(tmp_path):
