@@ -138,11 +138,7 @@ def stream_of(blocks: list[bytes], encoding: str, overflow_before: set[int]) -> 
 
     class Marked(Reader):
         def get(self, timeout_s, joined=False):
-<<<<<<< HEAD
             chunk = super().get(timeout_s)  # one block each, so that `count` counts these
-=======
-            chunk = super().get(timeout_s)  # one block each
->>>>>>> f59ac456bb5b85d0c3c1f22ac11609fdd0b99e67
             if chunk is not None and self.count in overflow_before:
                 chunk.lost, chunk.gap = 77, True
             self.count += chunk is not None
