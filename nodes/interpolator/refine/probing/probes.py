@@ -18,7 +18,7 @@ from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.brief_appearances import BriefAppearances
 from nodes.interpolator.refine.probing.curved_motion import CurvedMotion
-from nodes.interpolator.refine.probing.probe_kernels import find_brief
+from nodes.interpolator.refine.probing.probe_kernels import count_single_appearances
 from nodes.interpolator.refine.probing.thin_kernels import make_find_thin
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses, Slots
@@ -173,7 +173,7 @@ class Probes:
             each = self._needed(ahead, instants, gap, albedo_scale)
             self.unseen |= ((ahead.wanted > ahead.most) & ~held) | ahead.swept
             self._draw(instants, poses, begun, int(each.max()))
-            each = self._with_brief(ahead, instants, poses, each)
+            each = self._draw_single_appearances(ahead, instants, poses, each)
         self.each.assign(each.astype(np.int32))
         self.most = int(each.max())
 
@@ -201,19 +201,25 @@ class Probes:
                 v.draw()
             v.drawn()
 
-    def _with_brief(self, ahead: ProbeForecast, instants: Instants, poses: Poses, each: np.ndarray) -> np.ndarray:
-        """Draws more where something passes the near plane, until little of it is seen in one alone: it has no edge
-        there whose speed would tell how long it is on a pixel. each: how many are drawn, int64 [E]; gives it anew."""
+    def _draw_single_appearances(
+        self, ahead: ProbeForecast, instants: Instants, poses: Poses, each: np.ndarray
+    ) -> np.ndarray:
+        """Draws more z-buffers where something passes the near plane, until few pixels show a body in one alone.
+
+        What passes it has no edge there whose speed would tell for how long it is on a pixel.
+
+        each: z-buffers per coarse interval that are drawn, int64 [E]; returns their number afterwards.
+        """
         v, asked = self._v, ahead.passing
         limit = BRIEF * MISSED * v.shape[1] * v.shape[2]
         while asked.any():
             with wp.ScopedDevice(v.device):
-                brief: wp.array = wp.zeros(self._envs, dtype=wp.int32)
+                appearances: wp.array = wp.zeros(self._envs, dtype=wp.int32)
                 given: list[wp.array] = [wp.array(a.astype(np.int32), dtype=wp.int32) for a in (asked, each)]
             pair, frames = self._rigid.pair, self._rigid.visibility.packed
             what = [self._coarse, *given, self._rigid.pieces, pair.a.packed, frames, self.packed]
-            wp.launch(find_brief, (self._envs, *v.shape[1:]), what, [brief], device=v.device)
-            asked = asked & (brief.numpy() > limit)
+            wp.launch(count_single_appearances, (self._envs, *v.shape[1:]), what, [appearances], device=v.device)
+            asked = asked & (appearances.numpy() > limit)
             self.unseen |= asked & (each >= ahead.most)
             asked = asked & (each < ahead.most)
             drawn, each = int(each.max()), np.where(asked, 2 * each, each)
