@@ -47,8 +47,9 @@ from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.geometry.triangles import is_static
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 
 
 class Rigid:
