@@ -60,7 +60,7 @@ COUNTERS = 321
 
 @wp.func
 def take(counters: wp.array(dtype=int), counter: int, places: int):
-    """Gives the first of so many places of a list."""
+    """Takes so many places of a list, and gives the first of them."""
     return wp.atomic_add(counters, counter * LINE, places)
 
 
