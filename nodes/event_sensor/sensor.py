@@ -35,13 +35,7 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.parameters import FLOOR as FLOOR
-from nodes.event_sensor.parameters import (
-    LARGEST_SIDE,
-    frames_only,
-    is_own_model,
-    resolve_sensor,
-    thresholds_of,
-)
+from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, is_own_model, resolve_sensor, thresholds_of
 from nodes.event_sensor.readout.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.last_events import LastEvents
 from nodes.event_sensor.readout.packet import Events as Events
