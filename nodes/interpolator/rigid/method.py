@@ -154,7 +154,7 @@ class Rigid:
     def begin(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array | None
     ) -> Callable[[], Report]:
-        """Does as `between`, but waits for nothing that a GPU does; what this returns waits, and gives the report.
+        """Makes the frames as `between` does, without a wait for a GPU; what it returns waits, and gives the report.
 
         out: None on a GPU where `hand_over` is to write the frames later.
         """

@@ -1,5 +1,5 @@
-"""Tells which lamps do not shine on what a pixel sees, as a sum of keys that two instants have in common or not, and
-when what they shine turns from more to less."""
+"""Finds which lamps do not light what a pixel sees, as a sum of keys that differs between two instants if the lamps do,
+and when the irradiance from them passes a peak."""
 
 from functools import cache
 

@@ -1,5 +1,5 @@
-"""Finds when lamps stop to shine on what pixels see, and begin to, between two frames, for something comes between or
-the next facet is turned otherwise, and when what they shine turns from more to less, for they move."""
+"""Finds when, between two frames, lamps stop or begin to light what pixels see, because something comes between or the
+next facet is turned otherwise; and when the irradiance from lamps that move passes a peak."""
 
 from functools import cache
 
