@@ -7,7 +7,8 @@ The way of the data:
    `parameters.py` has what a user may choose, `presets.py` what real sensors have; `scene_parameters.py` has what a
    scene gives, and `effects.py` tells which values change nothing. `make.py` makes one sensor, and `simulate.py` runs
    it on frames from anywhere.
-2. `sensor.py` takes an array through all of the following. `input/` checks it and brings it to the device.
+2. `sensor.py` takes an array through all of the following. `batches.py` makes a batch of it: `input/` checks it and
+   brings it to the device.
 3. `optics/` blurs it and filters it by the photoreceptor.
 4. `engines/` chooses what keeps the state of the pixels and launches the kernels of the event model, each equation of
    which is in `model/`; `cpu/` and `cuda/` schedule its work and put events in order.

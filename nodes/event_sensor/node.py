@@ -125,7 +125,7 @@ class EventSensorNode(EventSensorDeclaration, Node):
         return kept if self._sensor is None else {**kept, "sensor": self._sensor.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on with sensors that are made anew, alike."""
+        """Restores what `state` gave, with sensors that are made anew of the same parameters."""
         self._header, self._episodes = state["header"], state["episodes"].copy()
         height, width = self._packets.size = state["size"]
         self._sensor, self._reset_groups = None, None

@@ -25,37 +25,23 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from evis.gpu.saved_arrays import joined, part_of, saved, write_back
+from nodes.event_sensor.batches import BatchMaker
 from nodes.event_sensor.cpu.event_list import HostEventList
 from nodes.event_sensor.engines.engine import make_engine, sensor_struct
-from nodes.event_sensor.input.arrays import on_device, shape_of
-from nodes.event_sensor.input.batch import Batch, SampleLists, Size
-from nodes.event_sensor.input.further import LONGEST, problem
+from nodes.event_sensor.input.batch import Batch, Size
 from nodes.event_sensor.input.further import Further as Further
-from nodes.event_sensor.input.limit import MOST_NUMBERED, check_background_rate
-from nodes.event_sensor.input.look_ahead import LookAhead
-from nodes.event_sensor.input.sample_lists import SampleInput
-from nodes.event_sensor.input.timeline import Timeline
-from nodes.event_sensor.model.features import background_rate, marks
+from nodes.event_sensor.input.further import problem
+from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
-from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import FLOOR as FLOOR
-from nodes.event_sensor.parameters import (
-    LARGEST_SIDE,
-    LOOK_AHEAD,
-    frames_only,
-    is_own_model,
-    resolve_sensor,
-    thresholds_of,
-)
-from nodes.event_sensor.readout.device_events import CALLS, DeviceEvents, Pending, Ready
+from nodes.event_sensor.parameters import LARGEST_SIDE, frames_only, is_own_model, resolve_sensor, thresholds_of
+from nodes.event_sensor.readout.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.readout.last_events import LastEvents
 from nodes.event_sensor.readout.packet import Events as Events
 
 wp.config.log_level = wp.LOG_WARNING
 
-STAMPS = ("settled", "settled_before")
-"""Stamps up to which events have been given, now and before the last frame [ns]."""
 Frames = np.ndarray | wp.array | Any
 """Images in memory: numpy, Warp, or anything with __cuda_array_interface__."""
 
@@ -108,7 +94,6 @@ class EventSensor:
             raise ValueError("with photoreceptor_noise light and noise make each crossing together; do not mark events")
         p = {**p, "marked": marked}
         self.height, self.width, self.envs, self.channels = height, width, envs, channels
-        self.t_base = 0
         self._device = device_named(device)
         self._layout = KeyLayout.of(height, width, envs, marks(p))
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
@@ -118,24 +103,14 @@ class EventSensor:
         of_light = {**p, "dark_level": 0.0} if noisy else p
         self._sensor = sensor_struct(of_light, (height, width, channels), self._layout, seed)
         self._engine: Any = make_engine(size, seed, of_light, self._device, self._layout)
-        self._pixels = size.pixels
-        self._background_rate = background_rate(p) * envs * size.pixels
-        """Of all pixels [Hz]."""
-        self._looks_ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
-        self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
-        self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
+        self._batches = BatchMaker(size, p, self._layout, self._device)
         self._readout = self._make_readout(seed)
-        self._no_slopes: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
         self._counters = np.zeros(len(COUNTERS), np.int64)
         """Of all calls so far."""
         self._event_list: Any = self._make_event_list(size)
         self._pipelined = (
-            self._device.is_cuda and self._event_list.pipelined and self._optics.clear and not self._readout
+            self._device.is_cuda and self._event_list.pipelined and self._batches.clear and not self._readout
         )
-        self._sample_input = SampleInput(size, self._device, frames_only(self.parameters), CALLS)
-        self._timeline = Timeline(size)
-        self._settled = self._settled_before = 0
-        self._look_ahead = LookAhead(envs, self._pixels, self._device)
         all_signal = marked and not self._layout.marked
         self._last = LastEvents(self._event_list, self._readout, self.columns(), envs, all_signal)
 
@@ -182,37 +157,27 @@ class EventSensor:
     def state_bytes(self) -> int:
         """Returns the bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
-        return round(kept / (self.envs * self._pixels)) + (4 if self._looks_ahead else 0)
+        return round(kept / (self.envs * self._size.pixels)) + (4 if self._batches.looks_ahead else 0)
 
     def state(self) -> dict[str, Any]:
-        """Gives what the next events hang on, as plain arrays and numbers; the fixed pattern and the parameters are
+        """Gives what the next events depend on, as plain arrays and numbers; the fixed pattern and the parameters are
         those of a sensor that is made alike. No call may be in flight."""
-        parts: dict[str, dict[str, Any]] = {
-            "pixels": saved(self._engine.present()),
-            "optics": saved(self._optics.present()),
-            "time": self._timeline.state(),
-            "held": self._look_ahead.state(),
-        }
+        parts: dict[str, dict[str, Any]] = {"pixels": saved(self._engine.present())}
         beside = {"readout": self._readout, "noise": self._noise}
         parts |= {name: made.state() for name, made in beside.items() if made is not None}
-        stamps = {name: getattr(self, f"_{name}") for name in STAMPS}
-        return {**joined(parts), **stamps, "t_base": self.t_base, "counters": np.array(self._counters)}
+        return {**joined(parts), **self._batches.state(), "counters": np.array(self._counters)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from what `state` gave for a sensor of the same size, parameters, seed and kind of device.
+        """Restores what `state` gave for a sensor of the same size, parameters, seed and kind of device.
 
         Raises ValueError for a state whose arrays are others.
         """
         write_back(self._engine.present(), part_of(state, "pixels"))
-        write_back(self._optics.present(), part_of(state, "optics"))
-        self._timeline.restore(part_of(state, "time"))
-        self._look_ahead.restore(part_of(state, "held"))
+        self._batches.restore(state)
         for name, made in {"readout": self._readout, "noise": self._noise}.items():
             if made is not None:
                 made.restore(part_of(state, name))
-        for name in STAMPS:
-            setattr(self, f"_{name}", int(state[name]))
-        self.t_base, self._counters = int(state["t_base"]), np.array(state["counters"], np.int64)
+        self._counters = np.array(state["counters"], np.int64)
 
     begins_again = True
     """Another episode at the same times has other random numbers."""
@@ -226,24 +191,20 @@ class EventSensor:
         """Tells whether the next frames, at times int64 [K] ns of the episode, may come in one call although they are
         of several messages: the events of each are then those of (stamp before, stamp]. further: with samples between
         them."""
-        if self._looks_ahead or self._readout is not None or self.envs > 1:
+        if self._batches.looks_ahead or self._readout is not None or self.envs > 1:
             return False
-        if len(t) * self._pixels > MOST_NUMBERED:
-            return False
-        if (self.marked and self._device.is_cuda) or (further and t[-1] - self._settled > LONGEST):
-            return False
-        try:
-            self._layout.check_span(self._settled, t)
-            check_background_rate(self._background_rate, "", self._settled, t)
-        except ValueError:
-            return False
-        return True
+        return not (self.marked and self._device.is_cuda) and self._batches.fits_one_call(t, further)
 
     @property
     def stamp(self) -> int:
         """Returns the stamp [ns] up to which events have been given: that of the last frame, with look-ahead of the one
         before."""
-        return self._settled
+        return self._batches.settled
+
+    @property
+    def t_base(self) -> int:
+        """Returns the stamp [ns] after which the events of the last call lie."""
+        return self._batches.t_base
 
     def process(
         self,
@@ -273,16 +234,16 @@ class EventSensor:
         further samples are wrong, its result() raises ValueError. defer: its events are put in order beside the next
         call's work, for who takes its result after that.
         """
-        batch, begins = self._take(luminance, t, episodes, dlog_dt, further, waits=not self._pipelined)
+        batch, begins = self._batches.take(luminance, t, episodes, dlog_dt, further, waits=not self._pipelined)
         if self._pipelined:
-            pending = self._last.submit(batch, self._settled, defer)
+            pending = self._last.submit(batch, self.stamp, defer)
             if batch.further is not None:
                 pending.problem = partial(problem, batch.further, self._size)
             return pending
         n = self._settle(batch, begins)
         if self.on_gpu is not None:
             return Ready(self._event_list.events)
-        span = (batch.t_base, self._settled)
+        span = (batch.t_base, self.stamp)
         return Ready(DeviceEvents.of(self._events(n), self._device, span))
 
     def flush(self) -> Events:
@@ -325,93 +286,21 @@ class EventSensor:
         (t_base, stamp], which is (previous stamp, t[-1]] without look-ahead; with it, each bound is the frame before.
         Raises ValueError.
         """
-        return self._settle(*self._take(luminance, t, episodes, dlog_dt, further))
-
-    def _take(
-        self,
-        luminance: Any,
-        t: np.ndarray,
-        episodes: np.ndarray,
-        dlog_dt: Any,
-        further: Further | None,
-        waits: bool = True,
-    ) -> tuple[Batch, np.ndarray]:
-        """Checks a message, applies the optics, joins the frame held back; gives the batch and bool [E], who begins.
-        waits: for what is found of further samples; else they are not read where they are wrong."""
-        t = np.ascontiguousarray(t, dtype=np.int64)
-        episodes = np.asarray(episodes, dtype=np.int32)
-        timeline = self._timeline
-        fresh = timeline.fresh(shape_of(luminance), t, episodes)
-        again = fresh is not timeline.going_on and bool(fresh.all())
-        if self._hermite and (dlog_dt is None or shape_of(dlog_dt) != shape_of(luminance)):
-            raise ValueError("crossing=hermite needs dlog_dt of the luminance's shape; without it take crossing=cubic")
-        if self._look_ahead.held is not None and again and t[0] <= timeline.last_stamp:
-            raise ValueError(f"time goes back to {t[0]} ns; flush() first gives the events that are held back")
-        begun = self._look_ahead.held is not None or not again
-        t_base = self._settled if begun else int(t[0])
-        self._layout.check_span(t_base, t)
-        check_background_rate(self._background_rate, f"{self.envs} x {self._pixels}", t_base, t)
-        lists = None if further is None else self._sample_input.take(further, t, t_base, fresh, waits)
-        images, slopes = on_device(luminance, self._device), self._no_slopes
-        since = int(t[0]) if again else timeline.last_stamp
-        if further is not None and self._optics.traces:
-            images, lists = self._optics.traced(images, lists, t, since, fresh)
-        elif not self._optics.clear:
-            sharp = images
-            images = self._optics.seen(sharp, t, since, fresh)
-        if self._hermite:
-            slopes = on_device(dlog_dt, self._device)
-            if not self._optics.clear:
-                slopes = self._optics.slopes(slopes, sharp, images)
-        if not begun:
-            self._settled_before = t_base
-        episodes = timeline.follow(fresh, t, episodes)
-        if not self._looks_ahead:
-            return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes], lists), fresh
-        images, t, begins, of = self._look_ahead.join(images, t, fresh, episodes)
-        return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
+        return self._settle(*self._batches.take(luminance, t, episodes, dlog_dt, further))
 
     def finish(self) -> int:
         """Takes no more frames; returns how many events were held back. `advance` may go on afterwards."""
-        held = self._look_ahead.release()
-        if held is None:
-            self.t_base = self._settled
+        made = self._batches.finish()
+        if made is None:
             self._last.clear()
         else:
-            stamp = np.array([held.stamp], np.int64)
-            begins, of = [held.begins], [held.episodes]
-            batch = self._batch(held.images, self._no_slopes, stamp, 1, self._settled, begins, of)
-            self._settle(batch, held.begins)
+            self._settle(*made)
         self._last.add_late()
         return len(self._last)
 
-    def _batch(
-        self,
-        images: wp.array,
-        slopes: wp.array,
-        t: np.ndarray,
-        count: int,
-        t_base: int,
-        begins: list[np.ndarray],
-        episodes: list[np.ndarray],
-        lists: SampleLists | None = None,
-    ) -> Batch:
-        """Makes a batch whose first `count` frames settle, and moves the sensor's time on; later ones give slopes."""
-        self.t_base = t_base
-        flags = begins[0]
-        for k, more in enumerate(begins[1:], 1):
-            flags = flags | (more.astype(np.int64) << k)
-        of = (episodes[0], episodes[-1])
-        batch = Batch(images, slopes, t, len(t), count, t_base, self._settled_before, flags, of, lists)
-        if count:
-            self._settled_before, self._settled = int(t[count - 2]) if count > 1 else t_base, int(t[count - 1])
-        else:
-            self._settled = t_base
-        return batch
-
     def _settle(self, batch: Batch, begins: np.ndarray) -> int:
         """Lists the events of a batch, sorted; gives their number. begins: bool [E], who begins an episode with it."""
-        parts: Iterable[tuple[Batch, int]] = [(batch, self._settled)]
+        parts: Iterable[tuple[Batch, int]] = [(batch, self.stamp)]
         if self._noise is not None:
             parts = ((part, int(part.t[-1])) for part in self._noise.parts(batch))
         self._last.fill(parts, begins)
@@ -426,7 +315,7 @@ class EventSensor:
         Readout.
         """
         counts = {name: int(n) for name, n in zip(COUNTERS[1:], self._counters[1:])}
-        if not self._hermite:
+        if not self._batches.hermite:
             del counts["unknown_slopes"]
         if self._readout is not None:
             counts |= {f"readout_{name}": n for name, n in self._readout.counts().items()}

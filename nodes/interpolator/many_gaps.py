@@ -231,7 +231,7 @@ class ManyGaps(Interpolator):
         return lambda: MadeGaps(frames, each()[spare:], report)
 
     def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0, gap_ns: int = 0) -> None:
-        """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
+        """Builds and compiles what `Interpolator.warm_up_for` does, for several gaps at once."""
         super().warm_up_for(envs, height, width, margin, gap_ns)
         self._first = True
 

@@ -103,7 +103,7 @@ class InterpolatorNode(InterpolatorDeclaration, Node):
         """Gives nothing: a gap is made of the keyframes at its ends, and of those that it `looks_back` to."""
 
     def _follow(self, worlds: Worlds) -> None:
-        """Knows these worlds from now on. Those that change begin with the next keyframe."""
+        """Replaces the worlds; environments whose world looks otherwise then begin with the next keyframe."""
         assert self.worlds is not None
         changed, self.worlds = worlds.changed(self.worlds, shown), worlds
         if not len(changed):

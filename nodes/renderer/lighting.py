@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -14,25 +13,26 @@ from evis.gpu.host_copies import HostCopies
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lights.features import Features
-from nodes.renderer.lights.lights import LightSet, check_colour
+from nodes.renderer.lights.lights import LightSet
 from nodes.renderer.lights.sky import make_sky
-from nodes.renderer.materials.ggx import alpha_of, is_plain
-from nodes.renderer.raster.surface_kernels import Surfaces, VisibilityBuffer
+from nodes.renderer.materials.ggx import is_plain
+from nodes.renderer.raster.surface_kernels import VisibilityBuffer
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shading import shading_kernels
 from nodes.renderer.shading.cache_kernels import ShadingCache
+from nodes.renderer.shading.options import ShadingOptions
 from nodes.renderer.shading.radiance_kernels import make_image
 from nodes.renderer.shading.shadow_pass import ShadowPass, shadowed
+from nodes.renderer.shading.surfaces import make_surfaces
 from nodes.renderer.shadows.grid import ShadowGrid
 from nodes.renderer.shadows.grid_kernels import Grid
 from nodes.renderer.shadows.occlusion import Occluders
-from nodes.renderer.textures.textures import pack
 
 CACHED_LIGHTS = 32
 """Most lights, one bit each, under which still surfaces are remembered."""
 
 if TYPE_CHECKING:
-    from nodes.renderer.paths.paths import PathOptions, Paths
+    from nodes.renderer.paths.paths import Paths
 
 SHADE_BLOCK = 128
 """Threads of a block that shades: fewer than usual wait for the slowest of them."""
@@ -41,27 +41,6 @@ LIST_WORKERS = 1 << 19
 """Threads that share a list of pixels on a GPU."""
 
 make_shade = cache(shading_kernels.make_shade)
-
-
-@dataclass(frozen=True)
-class ShadingOptions:
-    """Holds the options of shading."""
-
-    light_samples: int = 16
-    """Rays for each area light and pixel, a square number."""
-    paths: PathOptions | None = None
-    """Light over other surfaces, and that of the sky which things hide; None leaves it out."""
-    half: bool = False
-    """Radiance and luminance are float16."""
-    remember: bool = True
-    """False for `shade_list`, which never sees all of an image."""
-    split: bool | None = None
-    """Whether shadow rays to lights that are points are traced in a pass of their own before anything is shaded, None:
-    on a GPU; the image is the same."""
-    merged: bool | None = None
-    """Whether what stands still in the world is one structure for rays, None: for paths on a GPU."""
-    traced: bool = False
-    """Whether there are structures for rays also where no light has shadows: for who asks them what is seen."""
 
 
 class Shading:
@@ -92,7 +71,7 @@ class Shading:
         self.scalar: Any = wp.float16 if self._half else wp.float32
         self.normals = visibility.put(geometry.normals, wp.vec3)
         self._still = geometry.static & is_static(scene, visibility.camera_body)
-        self.surfaces, textured = self._make_surfaces()
+        self.surfaces, textured = make_surfaces(visibility, self.normals)
         self.lights = LightSet(visibility, options.light_samples)
         gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
         self.sky = make_sky(visibility, gloss)
@@ -318,29 +297,3 @@ class Shading:
         lights = self.scene.lights
         still = all(is_static(self.scene, light.body) for light in lights) and len(lights) <= CACHED_LIGHTS
         return still and bool(self._still.any())
-
-    def _make_surfaces(self) -> tuple[Any, bool]:
-        """Makes the arrays of the materials, and tells whether any is textured."""
-        scene, geometry, put = self.scene, self.visibility.geometry, self.visibility.put
-        surfaces = Surfaces()
-        for material in scene.materials:
-            check_colour(scene, f"material '{material.name}' albedo", material.albedo)
-            check_colour(scene, f"material '{material.name}' emission", material.emission)
-            if not 0 <= material.roughness <= 1 or not 0 <= material.metallic <= 1:
-                raise ValueError(
-                    f"scene {scene.name}: material '{material.name}' has roughness {material.roughness} and metallic "
-                    f"{material.metallic}; both must be 0 ... 1"
-                )
-        none2, none3 = np.zeros((0, 2)), np.zeros((0, 3))
-        surfaces.instance, surfaces.triangles = self.visibility.triangle_instance, self.visibility.triangles
-        surfaces.normals = self.normals
-        surfaces.uv = put(none2 if geometry.uv is None else geometry.uv, wp.vec2)
-        surfaces.smooth = put(none3 if geometry.smooth is None else geometry.smooth, wp.vec3)
-        surfaces.tint = put(none3 if geometry.tint is None else geometry.tint, wp.vec3)
-        surfaces.material = put(np.array([i.material for i in scene.instances], np.int32), wp.int32)
-        surfaces.albedo = put(np.array([m.albedo for m in scene.materials]).reshape(-1, 3), wp.vec3)
-        surfaces.emission = put(np.array([m.emission for m in scene.materials]).reshape(-1, 3), wp.vec3)
-        gloss = [(alpha_of(m), m.metallic) for m in scene.materials]
-        surfaces.gloss = put(np.array(gloss).reshape(-1, 2), wp.vec2)
-        surfaces.textures, textured = pack(scene, put)
-        return surfaces, textured

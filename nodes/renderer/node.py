@@ -95,7 +95,7 @@ class RendererNode(RendererDeclaration, Node):
         return camera_info(header, self.params, self.worlds, self.runtime.plan.sensor_beside(self.name, "info"))
 
     def _begin(self) -> None:
-        """Stands before the first keyframe of a run."""
+        """Forgets all keyframes: the next one is the first of a run."""
         self._before = PosesBefore()
         self._told: list[tuple[Callable[[], Sequence[int]], int, np.ndarray, Any]] = []
         """Keyframes not counted yet: what tells their counts, how many poses at the end fill up, poses, times."""
@@ -116,11 +116,11 @@ class RendererNode(RendererDeclaration, Node):
         return self._before.state()
 
     def restore(self, state: tuple[Any, ...]) -> None:
-        """Knows these keyframes."""
+        """Restores the poses that `state` gave."""
         self._before.restore(state)
 
     def _follow(self, worlds: Worlds) -> None:
-        """Sees these worlds from now on."""
+        """Replaces the worlds, and the renderers of environments whose world looks otherwise then."""
         before, self.worlds, self.scene = self.worlds, worlds, worlds.scenes[0]
         changed = worlds.changed(before, appearance)
         if len(changed):

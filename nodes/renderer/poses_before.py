@@ -16,7 +16,7 @@ class PosesBefore:
     """Follows the states of a run, and tells of each the poses at the keyframe before it."""
 
     def __init__(self) -> None:
-        """Stands before the first state."""
+        """Starts before the first state of a run."""
         self.last: np.ndarray | None = None
         """What `take` gave last, or what LAST stood for, float64 [E, N, 7]."""
         self._present: np.ndarray | None = None
@@ -44,13 +44,13 @@ class PosesBefore:
         return before
 
     def not_drawn(self) -> None:
-        """Takes note that another renderer goes on, which has not drawn the last keyframe."""
+        """Notes that the next keyframe is drawn by another renderer, which has not drawn the last one."""
         self._drawn = False
 
     def state(self) -> tuple[Any, ...]:
-        """Gives what `restore` goes on from."""
+        """Gives the poses, stamp and episodes that the next `take` compares with."""
         return self._present, self.last, self._stamp, self._episodes
 
     def restore(self, state: tuple[Any, ...]) -> None:
-        """Goes on from what `state` gave."""
+        """Restores what `state` gave."""
         self._present, self.last, self._stamp, self._episodes = state

@@ -16,12 +16,13 @@ from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.pose_upload import READ
 from nodes.renderer.geometry.poses import InstancePoses, same_bytes
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.poses_before import LAST as LAST
 from nodes.renderer.raster import output_kernels
 from nodes.renderer.raster.lens import displacement_kernels
 from nodes.renderer.raster.lens.cameras import finer
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 
 if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions

@@ -68,14 +68,14 @@ class SupersampledRenderer:
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Gives the shape and dtype of an output."""
-        return self._whose(name).array_shape(name)
+        return self._renderer_sized_as(name).array_shape(name)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
         """Gives arrays on the device, as Renderer.buffers does."""
-        return {name: self._whose(name).target(name, None) for name in outputs}
+        return {name: self._renderer_sized_as(name).target(name, None) for name in outputs}
 
-    def _whose(self, name: str) -> Renderer:
-        """Gives the renderer that an output has its size of."""
+    def _renderer_sized_as(self, name: str) -> Renderer:
+        """Gives the renderer whose images have the size of an output."""
         return self.fine if self.apart and name in LIGHT else self.plain
 
     def begin(self, outputs: Iterable[str]) -> None:

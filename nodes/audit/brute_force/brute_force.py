@@ -14,8 +14,9 @@ from nodes.audit.brute_force.rays import PixelRays
 from nodes.renderer.geometry.pose_kernels import place_instances
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.geometry.triangles import is_static
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 from nodes.renderer.shadows.occlusion import Occluders
 
 if TYPE_CHECKING:

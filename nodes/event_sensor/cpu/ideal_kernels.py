@@ -153,7 +153,7 @@ def make_sense_ideal(frame: bool, further: bool = False) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Goes on from `progress`. What a launch does to a step of a block it does as a whole or not at all."""
+        """Senses blocks of pixels from `progress` on; a step of a block is taken as a whole or not at all."""
         count = t.shape[0]
         size = sensor.height * sensor.width * sensor.channels
         stride = wp.int64(size)

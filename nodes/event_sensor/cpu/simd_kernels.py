@@ -183,5 +183,5 @@ def keep_last_of_others(
     sensor: Sensor, luminance: wp.array(dtype=wp.float32), at: wp.int64, stride: wp.int64, count: wp.int32,
     index: wp.int32, size: wp.int32, first: wp.array(dtype=wp.int32), shared: wp.int32, state: IdealState, work: Listed,
 ):  # fmt: skip
-    """Does what keep_last does for the pixels of a block without further samples."""
+    """Keeps the last good samples as keep_last does, of the pixels of a block that have no further samples."""
     ...

@@ -45,7 +45,7 @@ def find_active(
     """Lists the active pixels, each with the sample to go on from. A thread is EACH pixels and channels.
 
     Args:
-        sensor, call, frames: as in pipeline.Source.
+        sensor, call, frames: as in source.Source.
         size: pixels and channels of an environment.
         before: counters of the call before.
         state: the last sample of inactive pixels is kept in it.

@@ -57,7 +57,7 @@ class IdealPasses:
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
-        """Empties the buckets and lists the active pixels. Args: see pipeline.Source."""
+        """Empties the buckets and lists the active pixels. Args: see source.Source."""
         threads = -(-self._active.size // SHARE) * active_kernels.BLOCK
         wp.launch(
             active_kernels.find_active,
@@ -70,7 +70,7 @@ class IdealPasses:
     def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
         """Lists the events of the active pixels, from where they were left, as many as fit.
 
-        Args: see pipeline.Source.
+        Args: see source.Source.
         """
         threads = min(self._active.size, THREADS)
         wp.launch(

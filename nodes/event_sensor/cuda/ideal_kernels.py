@@ -158,7 +158,7 @@ def make_sense_pixel(frame: bool, ahead: bool, room: Any) -> wp.Function:
         """Takes a pixel through its samples from number `first` on; returns that whose events found no room, or -1.
 
         Args:
-            sensor, call, frames: as in pipeline.Source.
+            sensor, call, frames: as in source.Source.
             size: pixels and channels of an environment.
             index: the pixel among all.
             first: sample to go on from; those of frames and those between count together.
@@ -297,7 +297,7 @@ def make_sense_active(frame: bool, ahead: bool = False, room: Any = take_room) -
         """Senses the listed pixels; a thread takes every `threads`-th.
 
         Args:
-            sensor, call, frames: as in pipeline.Source.
+            sensor, call, frames: as in source.Source.
             size: pixels and channels of an environment.
             threads: how many there are.
             state: of all pixels.

@@ -59,7 +59,7 @@ class Order:
         """Puts the listed events in order, writes the columns, and the head.
 
         Args:
-            sensor, call, frames, keys, counters: as in pipeline.Source.
+            sensor, call, frames, keys, counters: as in source.Source.
             following: counters that are made ready for a later call, int64 [COUNTS].
             head: what the host wants to know, int64, see call_kernels.
             columns: key_kernels.Columns.

@@ -53,7 +53,7 @@ def place_at_stamp(
     """Returns the bucket of an event where most have a frame's stamp: half of a frame's are for these, by their pixel.
 
     Args:
-        call, frames: as in pipeline.Source.
+        call, frames: as in source.Source.
         t: time of the event from the call's start [ns].
         pixel, pixels: which one it is, and how many there are.
         of_env: buckets of an environment.
@@ -125,7 +125,7 @@ def count_events(
     """Counts the events of each bucket; a thread takes every `threads`-th.
 
     Args:
-        sensor, call, frames: as in pipeline.Source.
+        sensor, call, frames: as in source.Source.
         stamped: most times are those of frames.
         of_env: buckets of an environment.
         threads: how many there are.
@@ -155,7 +155,7 @@ def place_buckets(
     """Finds where each bucket begins, by one block; writes what the host wants to know, and a later call's counters.
 
     Args:
-        sensor: as in pipeline.Source.
+        sensor: as in source.Source.
         of_env: buckets of an environment.
         filled: events in each bucket.
         counters: of this call, int64 [COUNTS].

@@ -4,14 +4,15 @@ flight."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from nodes.event_sensor.cuda import call_kernels
 from nodes.event_sensor.cuda.order import Order
+from nodes.event_sensor.cuda.slot import CallParameters, Slot, fresh_counters
+from nodes.event_sensor.cuda.source import Source
 from nodes.event_sensor.input.limit import check_events
 from nodes.event_sensor.model.key_kernels import Columns
 from nodes.event_sensor.model.keys import KeyLayout
@@ -24,101 +25,6 @@ LEAST_ROOM = 4096
 """Events for which there is room at first, and more room each time, at least."""
 GRAPHS = 16
 """Different numbers of frames a call for which graphs are kept."""
-
-
-class Source(Protocol):
-    """Lists the events of a call.
-
-    repeats: it lists all of them again where they did not fit, and not only those that did not. records: its launches
-    may be recorded.
-    """
-
-    repeats: bool
-    records: bool
-
-    def find(
-        self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
-    ) -> None:
-        """Prepares a call, once in each, and empties the buckets.
-
-        Args:
-            sensor: its parameters, with the room that there is for events.
-            call: parameters of the call, int64 [8 + K + E], see call_kernels.
-            frames: K.
-            filled: events in each bucket, int32.
-            counters: of this call, int64 [COUNTS].
-            before: the counters of the call before.
-        """
-
-    def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
-        """Lists the events; and again, with more room, where they did not fit.
-
-        Args:
-            sensor, call, frames: as in `find`.
-            keys: the list, int64 [capacity], see model.keys.
-            counters: of this call, int64 [COUNTS].
-        """
-
-    def done(self) -> None:
-        """Takes note that all events of the call are listed."""
-
-
-@dataclass(eq=False)
-class CallParameters:
-    """Holds the parameters of calls of one number of frames, and the graphs that read them.
-
-    host: where they are filled in, in the pinned memory of `staging`; device: where the kernels read them. ends: of one
-    environment, the events up to each frame, int64 [K], in `ends_host`, pinned memory that the device writes to.
-    """
-
-    frames: int
-    host: np.ndarray
-    staging: wp.array
-    device: wp.array
-    ends_host: wp.array
-    ends: wp.array
-    graphs: dict[Any, Any] = field(default_factory=dict)
-
-    @property
-    def stamps(self) -> np.ndarray:
-        """Gives the times of the frames, int64 [K] ns."""
-        return self.host[call_kernels.STAMPS : call_kernels.STAMPS + self.frames]
-
-
-@dataclass(eq=False)
-class Slot:
-    """Holds one call: its parameters and its results. number: its place among the slots."""
-
-    number: int
-    counters: wp.array
-    head: wp.array
-    host: wp.array
-    view: np.ndarray
-    event: Any
-    keys: Any = None
-    columns: Any = None
-    named: dict[str, wp.array] = field(default_factory=dict)
-    by_frames: dict[int, CallParameters] = field(default_factory=dict)
-    pending: Pending | None = None
-    serial: int = -1
-
-    @property
-    def call(self) -> CallParameters:
-        """Returns the parameters of the call that it holds."""
-        assert self.pending is not None
-        return self.by_frames[self.pending.frames]
-
-    def begin(self) -> None:
-        """Makes the results ready for a call."""
-        self.view[call_kernels.STATUS], self.view[call_kernels.CROWDS] = call_kernels.DONE, 0
-
-    def crowds(self) -> list[tuple[int, int]]:
-        """Gives of each crowded bucket its first event and their number; none where there are too many to be known."""
-        count, first = int(self.view[call_kernels.CROWDS]), int(call_kernels.CROWDS) + 1
-        if count > call_kernels.MOST_CROWDS:
-            return []
-        parts = self.view[first : first + 2 * count].reshape(count, 2).tolist()
-        return [(start, length) for start, length in parts]
 
 
 class Pipeline:
@@ -380,10 +286,3 @@ class Pipeline:
         self._source.sense(self._sensor, slot.call.device, slot.call.frames, slot.keys, slot.counters)
         self._order_events(slot)
         wp.synchronize_device(self._device)
-
-
-def fresh_counters() -> np.ndarray:
-    """Makes the counters that a call begins with."""
-    counters = np.zeros(call_kernels.COUNTS, np.int64)
-    counters[call_kernels.FULL_FROM] = call_kernels.NOT_FULL
-    return counters

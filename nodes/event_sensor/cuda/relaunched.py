@@ -23,11 +23,11 @@ class RelaunchedEngine:
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
-        """Empties the buckets. Args: see pipeline.Source."""
+        """Empties the buckets. Args: see source.Source."""
         filled.zero_()
 
     def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
-        """Lists all events of `batch`. Args: see pipeline.Source."""
+        """Lists all events of `batch`. Args: see source.Source."""
         self._engine.launch(sensor, self.batch, keys, counters, 0)
 
     def done(self) -> None:

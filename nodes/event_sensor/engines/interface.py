@@ -17,7 +17,7 @@ class Engine(Protocol):
 
     An engine either changes the state where it is, and goes on at the pixel at which the room for events ran out; or it
     reads the state before a message and writes the state after it, so that its launch can be repeated with more room.
-    On a GPU the ideal sensor has no engine of this kind but cuda.ideal.IdealPasses, a source of cuda.pipeline.
+    On a GPU the ideal sensor has no engine of this kind but cuda.ideal.IdealPasses, a cuda.source.Source.
     """
 
     sorts: bool

@@ -92,7 +92,7 @@ class ResetGroups:
         return {**kept, "groups": groups}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` gave, with sensors that are made anew."""
+        """Restores what `state` gave, with sensors that are made anew."""
         for name in OF_GROUPS:
             setattr(self, name, copy.deepcopy(state[name]))
         self._groups = []

@@ -24,13 +24,13 @@ class SeparateSensors:
         self.t_base = 0
 
     def state(self) -> dict[str, Any]:
-        """Gives what all sensors go on from."""
+        """Gives the states of all sensors, as plain arrays and numbers."""
         episodes = None if self._episodes is None else self._episodes.copy()
         sensors = [sensor.state() for sensor in self._sensors]
         return {"sensors": sensors, "counts": self._counts.copy(), "episodes": episodes, "t_base": self.t_base}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` gave for sensors that are made alike."""
+        """Restores what `state` gave for sensors of the same parameters."""
         for sensor, own in zip(self._sensors, state["sensors"], strict=True):
             sensor.restore(own)
         self._counts, self.t_base = state["counts"].copy(), state["t_base"]

@@ -181,7 +181,7 @@ def _smooth(at: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _to_the_ends(at: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Goes on from the middles of the first and the last window to their outer ends."""
+    """Extrapolates the angle from the middles of the first and the last window to their outer ends."""
     slope = np.diff(angle)[[0, -1]] / np.diff(at)[[0, -1]]
     beyond = np.array([-WINDOW_NS // 2, WINDOW_NS // 2])
     ends, angles = at[[0, -1]] + beyond, angle[[0, -1]] + slope * beyond

@@ -33,7 +33,7 @@ class Timeline:
         return {"last_stamp": self.last_stamp, **begun}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Stands where `state` was given."""
+        """Restores what `state` gave."""
         self.last_stamp = int(state["last_stamp"])
         self.episodes = np.array(state["episodes"], np.int32) if "episodes" in state else None
 

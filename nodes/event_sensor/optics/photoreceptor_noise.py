@@ -82,7 +82,7 @@ class PhotoreceptorNoise:
         return {"begun": self._begun.copy(), **joined({"poles": saved(self._present())})}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from what `state` gave. Raises ValueError for other arrays."""
+        """Restores what `state` gave. Raises ValueError for other arrays."""
         write_back(self._present(), part_of(state, "poles"))
         self._begun = np.array(state["begun"], np.int64)
 

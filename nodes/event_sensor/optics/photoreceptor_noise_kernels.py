@@ -105,7 +105,7 @@ def light_on_line(
 
 
 @wp.func
-def instants_until(span: Span, noise: Noise, origin: wp.int64, now: wp.int64):
+def instants_until(noise: Noise, origin: wp.int64, now: wp.int64):
     """Counts the instants of the noise up to `now`, those of the episode's start included; 0 before it."""
     count = wp.int64(0)
     if now >= origin:
@@ -143,8 +143,8 @@ def count_samples(
             between, index, entry, entries, span.stamps[span.first + k], luminance[at]
         )  # fmt: skip
         if begun:
-            last = instants_until(span, noise, origin, now - wp.int64(1))
-            total += wp.int32(last - instants_until(span, noise, origin, start))
+            last = instants_until(noise, origin, now - wp.int64(1))
+            total += wp.int32(last - instants_until(noise, origin, start))
         begun = begun or has_logarithm(v, receptor.dark)
         start = now
         if inside:
@@ -201,7 +201,7 @@ def make_add_noise(poles: int, law: int) -> wp.Kernel:
         u = wp.float64(0.0)
         if wp.static(two):
             u = state.first[index]
-        number = instants_until(span, noise, origin, span.start)
+        number = instants_until(noise, origin, span.start)
         if fresh:
             last = float(-1.0)
             number = wp.int64(0)

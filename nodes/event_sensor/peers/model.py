@@ -185,7 +185,7 @@ class Model:
         return kept if self._episodes is None else {**kept, "episodes": np.array(self._episodes)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from what `state` gave for a model of the same size, parameters and seed. Raises ValueError."""
+        """Restores what `state` gave for a model of the same size, parameters and seed. Raises ValueError."""
         write_back({"pixel": self._before}, part_of(state, "pixels"))
         self._last_stamp, self._number, self.t_base, self.nonfinite = (
             int(state[name]) for name in ("last_stamp", "number", "t_base", "nonfinite")

@@ -116,7 +116,7 @@ class Readout:
         return kept | {f"held_{name}": np.array(column) for name, column in (self._held or {}).items()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on from what `state` gave."""
+        """Restores the queues and counts that `state` gave."""
         for name in OF_QUEUES:
             setattr(self, f"_{name}", np.array(state[name]))
         for name in COUNTED:

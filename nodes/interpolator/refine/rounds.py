@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -15,35 +15,27 @@ from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
 from evis.runtime.workers import edges_of
 from nodes.interpolator.image_kernels import pixel_type
-from nodes.interpolator.refine.evaluation.evaluator import Evaluator, changes_of
-from nodes.interpolator.refine.evaluation.limb_kernels import make_shade_limbs
+from nodes.interpolator.refine.evaluation.evaluator import Evaluator
 from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
-from nodes.interpolator.refine.halving.check_kernels import make_check
 from nodes.interpolator.refine.halving.interval_kernels import make_intervals
-from nodes.interpolator.refine.halving.split_kernels import make_split
 from nodes.interpolator.refine.instants import Instants
+from nodes.interpolator.refine.kernel_choice import TRANSITION_BLOCK, Kernels
 from nodes.interpolator.refine.light.light_visibility import LightVisibility
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
-from nodes.interpolator.refine.paths.texture_charts import follows_textures
-from nodes.interpolator.refine.runs.run_kernels import make_request_run_ends, make_request_runs
-from nodes.interpolator.refine.runs.single_surface_kernels import make_request_single_surface
 from nodes.interpolator.refine.runs.transition_kernels import (
     ChangingPixels,
     Transitions,
     find_changed_spans,
     make_find_transitions,
 )
-from nodes.interpolator.refine.runs.transition_time_kernels import make_find_transition_times
 from nodes.interpolator.refine.samples.lists import GrowingList, Samples, part_of
 from nodes.interpolator.refine.samples.request_kernels import make_requests
 from nodes.interpolator.refine.samples.tally import Counts, Tally
 from nodes.interpolator.rigid.method import Rigid
-from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.renderer.lighting import LIST_WORKERS
 
-SEARCHERS, BLOCK = 1 << 21, 64
-"""Threads that look for changes and along runs on a GPU, and of a block of them that finds transitions: it ends with
-the slowest of these."""
+SEARCHERS = 1 << 21
+"""Threads that look for changes and along runs on a GPU."""
 AT_FIRST = 1.0
 """Entries of a list for each pixel of an instant, before it is known how many are needed."""
 
@@ -71,56 +63,6 @@ class Found:
     samples: int
     shaded: int
     swings: np.ndarray
-
-
-@dataclass(frozen=True)
-class Kernels:
-    """Holds the kernels of a window that depend on the scene."""
-
-    request_single_surface: wp.Kernel
-    find_transition_times: wp.Kernel
-    request_run_ends: wp.Kernel
-    request_runs: wp.Kernel
-    check: wp.Kernel
-    split: wp.Kernel
-    shade_limbs: wp.Kernel | None
-
-    @classmethod
-    def of(cls, rigid: Rigid) -> Kernels:
-        """Makes the kernels for what there is in the scene of a `Rigid`."""
-        layout, lens, changes = rigid.layout, rigid.visibility.lens, changes_of(rigid)
-        features = rigid.shading.features
-        painted = features.textures or features.vertex_colours
-        v = rigid.visibility
-        textured = textured_in(rigid.shading, layout) and follows_textures(v.scene, v.geometry, v.camera_body)
-        how = (lens, layout.channels, layout.waveform_count, layout.relight, painted, textured, changes)
-        # Without normals of its own nothing is round; light that comes evenly from all sides is the same at a limb.
-        limbs = features.smooth and (features.lit or features.sky_map or features.gloss)
-        alone = replace(features, cached=False, shadow_pass=False, grids=False, tiled=False, half=False)
-        return cls(
-            make_request_single_surface(*how),
-            make_find_transition_times(limbs),
-            make_request_run_ends(layout.channels, not layout.flicker, limbs),
-            make_request_runs(*how),
-            make_check(layout.channels, changes.view),
-            make_split(layout.channels),
-            make_shade_limbs(layout.channels, alone) if limbs else None,
-        )
-
-    def to_build(self, trees: bool) -> list[tuple[wp.Kernel, int]]:
-        """Lists the kernels and their block sizes for `build_together`. trees: as of `make_trace_all`."""
-        changing = (
-            self.request_single_surface,
-            find_changed_spans,
-            self.find_transition_times,
-            self.request_run_ends,
-            self.request_runs,
-            self.check,
-            self.split,
-            trace_pixels,
-            *([self.shade_limbs] if self.shade_limbs else []),
-        )
-        return [*((kernel, LAUNCH_BLOCK) for kernel in changing), (make_find_transitions(trees), BLOCK)]
 
 
 class Rounds:
@@ -294,7 +236,7 @@ class Rounds:
             launches[4].append((kernels.request_run_ends, listers, given))
             launches[5].append((kernels.request_runs, searchers, [*search, *seen, *among, *changes, *listed]))
         for number, each in enumerate(launches):
-            rigid.sampling.launch(each, BLOCK if number == 2 else LAUNCH_BLOCK)
+            rigid.sampling.launch(each, TRANSITION_BLOCK if number == 2 else LAUNCH_BLOCK)
 
     def _evaluate(self, window: Window, number: int, listed: GrowingList, bands: list[int]) -> None:
         """Computes z-buffer entries and radiance of the listed pixels."""

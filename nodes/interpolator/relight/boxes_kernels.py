@@ -1,13 +1,9 @@
 """Tests what may be in the way of light by the casters' boxes: it misses none, and is cheaper than a ray against
 triangles."""
 
-from functools import cache
-from typing import Any
-
 import warp as wp
 
 from evis.gpu.reading_kernels import vector_at
-from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.shadows.ray_kernels import Casters, hits_box, hits_sphere, inverse_of, rotation_of, translation_of
 
@@ -119,48 +115,40 @@ def nearby(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
     return share
 
 
-@cache
-def make_cast(f: LightChanges) -> Any:
-    """Makes the function `cast`."""
+@wp.func
+def any_box_may_hide(
+    casters: Casters,
+    half: wp.array(dtype=wp.vec3),
+    row: int,
+    first: int,
+    skip: int,
+    origin: wp.vec3,
+    ray: wp.vec3,
+    length: float,
+    wide: float,
+    beside: float,
+):
+    """Tells whether the box of any caster order[first ..] but `skip` may hide a light from a point.
 
-    @wp.func
-    def cast(
-        casters: Casters,
-        half: wp.array(dtype=wp.vec3),
-        row: int,
-        first: int,
-        skip: int,
-        origin: wp.vec3,
-        ray: wp.vec3,
-        length: float,
-        wide: float,
-        beside: float,
-    ):
-        """Tells whether the box of a caster order[first ..] but `skip` may hide a light from a point.
-
-        Args:
-            half: half the sides of the instances' boxes, in their frames [m].
-            row: of the casters' places.
-            origin, ray, length: point, unit vector towards the light's middle, and its distance [m].
-            wide: radius of the light, 0 for one without size [m].
-            beside: how far from the point it counts too [m].
-        """
-        for k in range(first, casters.order.shape[0]):
-            i = casters.order[k]
-            if i != skip:
-                centre = translation_of(casters, row, i) - origin
-                # Seen from the point, the light is a cone that is as wide as that at the caster's far side.
-                reach = wp.dot(centre, ray) + casters.radius[i]
-                around = beside + wide * wp.clamp(reach / length, 0.0, 1.0)
-                if hits_sphere(centre, casters.radius[i] + around, ray, length):
-                    inverse = wp.transpose(rotation_of(casters, row, i))
-                    at = inverse * centre
-                    # A ray that grazes a face must not be missed for its rounding.
-                    sides = half[i] + (around + ROUNDED * (wp.length(centre) + casters.radius[i])) * wp.vec3(
-                        1.0, 1.0, 1.0
-                    )
-                    if hits_box(at - sides, at + sides, inverse_of(inverse * ray), length):
-                        return True
-        return False
-
-    return cast
+    Args:
+        half: half the sides of the instances' boxes, in their frames [m].
+        row: of the casters' places.
+        origin, ray, length: point, unit vector towards the light's middle, and its distance [m].
+        wide: radius of the light, 0 for one without size [m].
+        beside: how far from the point it counts too [m].
+    """
+    for k in range(first, casters.order.shape[0]):
+        i = casters.order[k]
+        if i != skip:
+            centre = translation_of(casters, row, i) - origin
+            # Seen from the point, the light is a cone that is as wide as that at the caster's far side.
+            reach = wp.dot(centre, ray) + casters.radius[i]
+            around = beside + wide * wp.clamp(reach / length, 0.0, 1.0)
+            if hits_sphere(centre, casters.radius[i] + around, ray, length):
+                inverse = wp.transpose(rotation_of(casters, row, i))
+                at = inverse * centre
+                # A ray that grazes a face must not be missed for its rounding.
+                sides = half[i] + (around + ROUNDED * (wp.length(centre) + casters.radius[i])) * wp.vec3(1.0, 1.0, 1.0)
+                if hits_box(at - sides, at + sides, inverse_of(inverse * ray), length):
+                    return True
+    return False

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
-from nodes.interpolator.relight.boxes_kernels import make_cast
+from nodes.interpolator.relight.boxes_kernels import any_box_may_hide
 from nodes.interpolator.relight.change_kernels import Change, Point
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import AREA, Lights, make_light_directions
@@ -65,7 +65,6 @@ def make_irradiance(f: LightChanges) -> tuple[Any, Any]:
 def make_shaded(f: LightChanges) -> Any:
     """Makes the function `shaded`."""
     light_direction, _ = make_light_directions(f.directional, f.point or f.area, f.spot)
-    cast = make_cast(f)
 
     @wp.func
     def shaded(change: Change, lights: Lights, casters: Casters, row: int, s: Point, first: int, around: float):
@@ -81,7 +80,9 @@ def make_shaded(f: LightChanges) -> Any:
                 if wp.dot(s.normal, ray) * length > -wide and strength > 0.0:
                     if casters.order.shape[0] - first > MANY:
                         return True
-                    if cast(casters, change.half, row, first, s.skip, s.position, ray, length, wide, around):
+                    if any_box_may_hide(
+                        casters, change.half, row, first, s.skip, s.position, ray, length, wide, around
+                    ):
                         return True
         return False
 

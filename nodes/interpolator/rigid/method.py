@@ -47,8 +47,9 @@ from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling
 from nodes.interpolator.rigid.slots import Poses, Slots
 from nodes.renderer.geometry.triangles import is_static
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 
 
 class Rigid:
@@ -153,7 +154,7 @@ class Rigid:
     def begin(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array | None
     ) -> Callable[[], Report]:
-        """Does as `between`, but waits for nothing that a GPU does; what this returns waits, and gives the report.
+        """Makes the frames as `between` does, without a wait for a GPU; what it returns waits, and gives the report.
 
         out: None on a GPU where `hand_over` is to write the frames later.
         """

@@ -1,5 +1,5 @@
-"""Computes the curvature of the pixels' paths from the motion of two gaps, and what is left of it where a keyframe goes
-on."""
+"""Computes the curvature of the pixels' paths from the motion of two gaps, and extrapolates the paths
+into the gap that follows."""
 
 import warp as wp
 
@@ -64,7 +64,7 @@ def find_bends(
 
 
 @wp.kernel
-def carry_on(
+def extrapolate_paths(
     # in
     ratio: wp.array(dtype=wp.float32),
     straight: wp.array(dtype=wp.int32),

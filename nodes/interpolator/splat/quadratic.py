@@ -50,7 +50,7 @@ class Bends:
         given: list[Any] = [wp.array((before / gap).astype(np.float32), device=self._device), straight]
         self._at_a, self._at_b = self._at_b, self._at_a
         made = [self._at_a, self._onward]
-        wp.launch(bend_kernels.carry_on, self._shape, [*given, a.motion], made, device=self._device)
+        wp.launch(bend_kernels.extrapolate_paths, self._shape, [*given, a.motion], made, device=self._device)
         given += [b.depth, a.depth, b.motion, a.motion]
         wp.launch(bend_kernels.find_bends, self._shape, given, [self._at_b], device=self._device)
         return self._onward, (self._at_a, self._at_b)

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
-from nodes.renderer.raster import clusters, raster_kernels, tiled_kernels
+from nodes.renderer.raster import clusters, raster_kernels, tile_kernels, tiled_kernels
 from nodes.renderer.raster.scene_arrays import SceneArrays
 from nodes.renderer.raster.triangle_kernels import SETUP_QUADS
 
@@ -44,7 +44,7 @@ MOST_TILES = 1 << 22
 make_raster = cache(raster_kernels.make_raster)
 make_listed = cache(tiled_kernels.make_listed)
 make_at_once = cache(tiled_kernels.make_at_once)
-make_tiles = cache(tiled_kernels.make_tiles)
+make_tiles = cache(tile_kernels.make_tiles)
 
 
 class RowRaster:
@@ -167,7 +167,7 @@ class NoRaster:
     kernels: Sequence[tuple[wp.Kernel, int]] = ()
 
     def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
-        """Takes what all rasters take. still: of no use."""
+        """Takes what all rasters take; `still` is not read, for nothing is drawn apart."""
         self.vertices = arrays.points.reshape((1, -1))
 
     def clear(self) -> None:

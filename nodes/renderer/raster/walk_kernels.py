@@ -74,7 +74,7 @@ def walk_own(
     face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Does as triangle_kernels.walk, where no other thread writes to these rows."""
+    """Writes the same pixels as triangle_kernels.walk, where no other thread writes to these rows."""
     plane = wp.vec3(s.offset, s.z_min, s.z_max)
     if view.width < RUN:
         walk_all(view, s, x0, x1, y0, y1, env, face, packed)

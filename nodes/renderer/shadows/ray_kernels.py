@@ -171,7 +171,7 @@ def hits_instance(
     length: float,
     extent: float,
 ):
-    """Tells whether a ray meets instance i. extent: of no use.
+    """Tells whether a ray meets instance i. extent: not read; all tests of `make_search` have the same arguments.
 
     Its triangles, or its sides if it is a box, are tried only if its bounding sphere is hit, and triangles only where
     boxes do not tell: a ray that misses the outer one misses them, and one that comes from outside and goes through the

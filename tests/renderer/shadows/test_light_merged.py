@@ -9,9 +9,10 @@ from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
+from nodes.renderer.shading.options import ShadingOptions
 from nodes.renderer.shadows.occlusion import TREE_FROM
 
 

@@ -8,8 +8,9 @@ from renderer_scenes import at, camera, poses, quad, scene, sphere
 from evis.geometry import se3
 from evis.scene.mesh.shapes import rounded_box
 from evis.scene.model import WORLD, Light, Material, Mesh
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 from nodes.renderer.shadows.grid import SIDE, SIGNS, ShadowGrid, fill
 
 FLOOR = 2.5

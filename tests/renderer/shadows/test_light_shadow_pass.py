@@ -6,8 +6,9 @@ import warp as wp
 from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.lighting import Shading, ShadingOptions
+from nodes.renderer.lighting import Shading
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 
 
 def crowd(lights, count):

@@ -22,9 +22,10 @@ from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.patches import neighbours_of
 from nodes.interpolator.rigid.reprojection import textured_in
 from nodes.interpolator.rigid.slots import Poses, Slots
-from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
+from nodes.renderer.lighting import LIST_WORKERS, Shading
 from nodes.renderer.lights.lights import waveform_strengths
 from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading.options import ShadingOptions
 from nodes.renderer.shadows.grid_kernels import Grid
 
 WORKERS = 1 << 20, 1 << 18

@@ -89,7 +89,7 @@ def assemblies_of(scene: Scene, geometry: Geometry, which: np.ndarray) -> Iterab
     """Lists the instances, of `which`, that move as one, two or more: their numbers, and the poses of their bodies in
     the frame of the first one's, float64 [n, 7]."""
     groups: dict[Hashable, list[tuple[int, np.ndarray]]] = {}
-    stands = {body: _stand(scene, body) for body in np.unique(geometry.body[which]).tolist()}
+    stands = {body: _carrier_of(scene, body) for body in np.unique(geometry.body[which]).tolist()}
     for instance in which.tolist():
         carrier, pose = stands[int(geometry.body[instance])]
         groups.setdefault(carrier, []).append((instance, pose))
@@ -99,8 +99,8 @@ def assemblies_of(scene: Scene, geometry: Geometry, which: np.ndarray) -> Iterab
             yield np.array([n for n, _ in members]), np.array([se3.compose(back, pose) for _, pose in members])
 
 
-def _stand(scene: Scene, body: int) -> tuple[Hashable, np.ndarray]:
-    """Tells what a body goes with, and its pose there [7]: what it stands still on, or what goes the same way."""
+def _carrier_of(scene: Scene, body: int) -> tuple[Hashable, np.ndarray]:
+    """Finds what a body moves with, as a key that is equal for bodies that move as one, and its pose there [7]."""
     path, mount = scene.bodies[body].trajectory, scene.bodies[body].mount
     if mount is not None:
         return mount
@@ -112,11 +112,11 @@ def _stand(scene: Scene, body: int) -> tuple[Hashable, np.ndarray]:
         path = path.parent
     if path.turns:
         return (path,), pose
-    return (path.parent, *(_named(shift) for shift in path.shifts)), se3.compose(path.start, pose)
+    return (path.parent, *(_shift_key(shift) for shift in path.shifts)), se3.compose(path.start, pose)
 
 
-def _named(shift: Shift) -> Hashable:
-    """Gives what is the same for two shifts that are."""
+def _shift_key(shift: Shift) -> Hashable:
+    """Makes a key of a shift, equal for shifts that are equal."""
     if isinstance(shift, Path):
         return shift.spline
     return type(shift), *(np.asarray(getattr(shift, item.name), np.float64).tobytes() for item in fields(shift))

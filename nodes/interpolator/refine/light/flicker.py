@@ -56,9 +56,9 @@ class Flicker:
     def instants(self, gap_ns: int) -> int:
         """Gives how many instants a gap has to have at least, so that no period is missed."""
         slow, gap = self._slow(gap_ns), gap_ns * 1e-9
-        least = max((_more_than(_per_period(w) * gap * w.frequency) for w in slow), default=1)
+        least = max((_least_above(_per_period(w) * gap * w.frequency) for w in slow), default=1)
         switches = sum(2.0 * gap * w.frequency for w in slow if w.kind == "square")
-        return max(least, _more_than(PER_SWITCH * switches)) if len(slow) > 1 else least
+        return max(least, _least_above(PER_SWITCH * switches)) if len(slow) > 1 else least
 
     def follows(self, gap_ns: int) -> bool:
         """Tells whether all of them are slow enough to be followed."""
@@ -114,12 +114,12 @@ class Flicker:
                 mine = t[k * each : (k + 1) * each + 1]
                 new = _switches(waveform, mine) if waveform.kind == "square" else _bends(waveform, mine, self._bend)
                 for i, by in new.items():
-                    marks[i] = _together(marks[i], by) if i in marks else by
+                    marks[i] = _shared_delay(marks[i], by) if i in marks else by
         return found
 
 
-def _together(one: int, other: int) -> int:
-    """Gives how much later than its instant a mark of two lights is.
+def _shared_delay(one: int, other: int) -> int:
+    """Computes how much later than its instant a mark is that two lights share, from what each asks for.
 
     What one light is sharp at is not to be moved by another; of two switches between the same instants, what is seen
     before is seen up to the first of them, and what is seen after from the last one on.
@@ -129,8 +129,8 @@ def _together(one: int, other: int) -> int:
     return other or one
 
 
-def _more_than(count: float) -> int:
-    """Gives the whole number after a count, which is a gap's, the same for all gaps of one rate."""
+def _least_above(count: float) -> int:
+    """Rounds a count of a gap up to a greater whole number, the same one for all gaps of one rate."""
     return int(count * (1 - ROUNDED)) + 1
 
 

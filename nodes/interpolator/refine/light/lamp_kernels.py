@@ -1,5 +1,5 @@
-"""Tells which lamps do not shine on what a pixel sees, as a sum of keys that two instants have in common or not, and
-when what they shine turns from more to less."""
+"""Finds which lamps do not light what a pixel sees, as a sum of keys that differs between two instants if the lamps do,
+and when the irradiance from them passes a peak."""
 
 from functools import cache
 
@@ -32,7 +32,7 @@ class LogIrradiance:
 
 @wp.func
 def log_irradiance_at(e: float, part: int):
-    """Begins with ln of the irradiance at a part."""
+    """Makes the LogIrradiance of an interval that has been followed up to one part alone; e: ln of the irradiance."""
     begun = LogIrradiance()
     begun.low = e
     begun.high = e
@@ -42,8 +42,8 @@ def log_irradiance_at(e: float, part: int):
 
 
 @wp.func
-def gone_on(before: LogIrradiance, e: float, part: int, jump: float):
-    """Goes on with ln of the irradiance at a later part; gives how it goes now, and at which part it has turned, or 0.
+def log_irradiance_after(before: LogIrradiance, e: float, part: int, jump: float):
+    """Updates a LogIrradiance by ln of the irradiance `e` at a later part; gives also at which part it turned, or 0.
 
     jump: how far it goes the other way for a turn to count.
     """

@@ -51,8 +51,8 @@ SOFT = 4
 
 
 class LightVisibility:
-    """Finds when lamps stop to shine on what pixels see, and begin to: `bits` uint64 [intervals E, h, w] of one window
-    after another, as of find_light_changes.
+    """Finds when lamps stop or begin to light what pixels see: `bits` uint64 [intervals E, h, w] of one window after
+    another, as of find_light_changes.
 
     Only where a shadow of something thin and fast, a beam that turns, or a lamp that goes to and fro, may be gone again
     before the next look: half a coarse interval is close enough for all others.

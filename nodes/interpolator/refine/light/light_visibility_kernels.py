@@ -1,5 +1,5 @@
-"""Finds when lamps stop to shine on what pixels see, and begin to, between two frames, for something comes between or
-the next facet is turned otherwise, and when what they shine turns from more to less, for they move."""
+"""Finds when, between two frames, lamps stop or begin to light what pixels see, because something comes between or the
+next facet is turned otherwise; and when the irradiance from lamps that move passes a peak."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ from nodes.interpolator.refine.light.facet_kernels import make_facets_between, s
 from nodes.interpolator.refine.light.lamp_kernels import (
     NOTHING,
     LogIrradiance,
-    gone_on,
+    log_irradiance_after,
     log_irradiance_at,
     make_hidden_lamps,
     make_turned_lamps,
@@ -161,7 +161,7 @@ def make_find_light_changes(changes: LightChanges, trees: bool) -> wp.Kernel:
                                 s = point_of(change, change.casters, there, hit, depth_of(hit) * px.d)
                                 e = log_irradiance(change, there, s)
                                 if followed and same_surface(last, hit, scene.targets.pieces):
-                                    shone, turned_at = gone_on(shone, e, k, params.jump)
+                                    shone, turned_at = log_irradiance_after(shone, e, k, params.jump)
                                     if turned_at > 0:
                                         bits = bits | (ONE << wp.uint64(turned_at - 1))
                                 else:

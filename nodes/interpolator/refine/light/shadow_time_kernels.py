@@ -10,9 +10,11 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def width_over(fine: wp.vec3d, along: wp.vec3d, length: wp.float64):
-    """Gives half the width [m] of a box of half sides `fine` along a way, in its own frame, of a length: how far it
-    reaches along it or, if that is less, what of the way lies in it, as of a long wire that goes aslant.
+def half_width_along(fine: wp.vec3d, along: wp.vec3d, length: wp.float64):
+    """Computes half the width [m] of a box along a way: how far it reaches along it or, if that is less, half the part
+    of the way that lies in it, as of a long wire that goes aslant.
+
+    fine: half the sides of the box [m]. along: the way in the frame of the box [m], of this length.
 
     A plate counts there as thick as it is wide: where a lamp shines along it `BoxShadows` tells.
     """
@@ -55,7 +57,7 @@ def find_shortest_shadows(
         way = wp.transform_point(after, at) - wp.transform_point(before, at)
         length = wp.length(way)
         if length > wp.float64(0.0):
-            width = width_over(fine, wp.transpose(axes) * way, length)
+            width = half_width_along(fine, wp.transpose(axes) * way, length)
             if width > wp.float64(0.0):
                 least = wp.min(least, wp.float64(2.0) * width / (length + shine[env]))
     briefest[n, env, j] = least

@@ -67,9 +67,9 @@ def make_request_run(
         run: Run,
         out: ListPart,
     ):
-        """Does as `request_keyframe_path` does, in the nearer keyframe, or in the other one where that does not show
-        the way, and goes by what is painted on the surface where none does. What is painted more finely than their
-        pixels is followed by its texture.
+        """Lists instants as `request_keyframe_path` does, in the nearer keyframe, or in the other one where that does
+        not show the way, and by what is painted on the surface where none does. What is painted more finely than
+        their pixels is followed by its texture.
 
         Tells besides whether ln I goes as told but for what light does."""
         nearer = wp.where(2 * px.k >= params.coarse and px.k > 0, 1, 0)
@@ -114,8 +114,8 @@ def make_request_run(
         run: Run,
         out: ListPart,
     ):
-        """Does as `request_span` does, from one mark to the next where lights flicker, and from one shadow's edge to
-        the next."""
+        """Lists instants as `request_span` does, from one mark to the next where lights flicker, and from one shadow's
+        edge to the next."""
         marked = wp.int32(0)
         first = wp.int32(0)
         if wp.static(waveform_count > 0 or relit):

@@ -36,7 +36,7 @@ def shown_at(
     frames: wp.array3d(dtype=wp.uint64),
     probed: wp.array3d(dtype=wp.uint64),
 ):
-    """Gives the body that a pixel shows in z-buffer j of a gap, -1 = none; arguments as of find_brief."""
+    """Gives the body that a pixel shows in z-buffer j of a gap, -1 = none; arguments as of count_single_appearances."""
     k = j // each
     i = j % each
     hit = wp.uint64(0)
@@ -53,7 +53,7 @@ def shown_at(
 
 
 @wp.kernel
-def find_brief(
+def count_single_appearances(
     # in
     coarse: int,
     asked: wp.array(dtype=int),
@@ -63,12 +63,13 @@ def find_brief(
     frames: wp.array3d(dtype=wp.uint64),
     probed: wp.array3d(dtype=wp.uint64),
     # out
-    brief: wp.array(dtype=int),
+    appearances: wp.array(dtype=int),
 ):
-    """Counts how often a pixel shows a body in one z-buffer alone: brief [E], of environments that are asked.
+    """Counts how often a pixel shows a body in one z-buffer and in neither of those beside it: appearances [E].
 
-    each: z-buffers per coarse interval, `coarse` of which a gap has. start: z-buffer of keyframe A. frames: those of B
-    and of sub-frames 1 .. K - 1. probed: those in between, as of Probes.
+    asked: not 0 for environments whose pixels are counted. each: z-buffers per coarse interval, `coarse` of which a gap
+    has. start: z-buffer of keyframe A. frames: those of B and of sub-frames 1 .. K - 1. probed: those in between, as of
+    Probes.
     """
     env, y, x = wp.tid()
     if asked[env] == 0:
@@ -84,4 +85,4 @@ def find_brief(
         before = now
         now = then
     if count > 0:
-        wp.atomic_add(brief, env, count)
+        wp.atomic_add(appearances, env, count)

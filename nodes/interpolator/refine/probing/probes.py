@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.geometry import se3
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import CudaGraphs
-from nodes.interpolator.displacement_kernels import BodyMotion, displace
 from nodes.interpolator.keyframe import Span
 from nodes.interpolator.refine.instants import Instants
 from nodes.interpolator.refine.probing.brief_appearances import BriefAppearances
+from nodes.interpolator.refine.probing.camera_motion import displaced_against_camera, faster_between
 from nodes.interpolator.refine.probing.curved_motion import CurvedMotion
-from nodes.interpolator.refine.probing.probe_kernels import find_brief
+from nodes.interpolator.refine.probing.probe_kernels import count_single_appearances
 from nodes.interpolator.refine.probing.thin_kernels import make_find_thin
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.slots import Poses, Slots
@@ -38,9 +37,6 @@ MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 often a pixel, on the average."""
 TOLD_OF = 0.05
 """Part of what passes that may be unseen without being told where z-buffers are as close as they can be."""
-FASTER, STILL = 1.25, 1e-9
-"""How many times faster than at the frames something has to be between them for speeds to be found there too, and ways
-[m, rad] up to which it is at rest: on the drone, whose propellers turn evenly, that takes 3 % of a gap's time."""
 BRIEF = 2
 """How many times more often things are seen in one z-buffer alone than in none, where all times are as frequent for
 which they are on a pixel."""
@@ -149,7 +145,9 @@ class Probes:
         between = order_of(instants, int(looked_at.max()) // coarse)
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
         if between:
-            looked_at = np.where((brief.visits > least) | self._faster_between(*pairs), looked_at, coarse)
+            looked_at = np.where(
+                (brief.visits > least) | faster_between(*pairs, self._v.camera_body, self._envs), looked_at, coarse
+            )
             pairs = pairs[: 2 if looked_at.max() > coarse else 1]
         passing, swept = brief.passing & ~held, brief.swept & ~held
         return ProbeForecast(least, most, begun, looked_at, wanted, brief.visits > least, passing, swept, pairs)
@@ -173,7 +171,7 @@ class Probes:
             each = self._needed(ahead, instants, gap, albedo_scale)
             self.unseen |= ((ahead.wanted > ahead.most) & ~held) | ahead.swept
             self._draw(instants, poses, begun, int(each.max()))
-            each = self._with_brief(ahead, instants, poses, each)
+            each = self._draw_single_appearances(ahead, instants, poses, each)
         self.each.assign(each.astype(np.int32))
         self.most = int(each.max())
 
@@ -201,19 +199,25 @@ class Probes:
                 v.draw()
             v.drawn()
 
-    def _with_brief(self, ahead: ProbeForecast, instants: Instants, poses: Poses, each: np.ndarray) -> np.ndarray:
-        """Draws more where something passes the near plane, until little of it is seen in one alone: it has no edge
-        there whose speed would tell how long it is on a pixel. each: how many are drawn, int64 [E]; gives it anew."""
+    def _draw_single_appearances(
+        self, ahead: ProbeForecast, instants: Instants, poses: Poses, each: np.ndarray
+    ) -> np.ndarray:
+        """Draws more z-buffers where something passes the near plane, until few pixels show a body in one alone.
+
+        What passes it has no edge there whose speed would tell for how long it is on a pixel.
+
+        each: z-buffers per coarse interval that are drawn, int64 [E]; returns their number afterwards.
+        """
         v, asked = self._v, ahead.passing
         limit = BRIEF * MISSED * v.shape[1] * v.shape[2]
         while asked.any():
             with wp.ScopedDevice(v.device):
-                brief: wp.array = wp.zeros(self._envs, dtype=wp.int32)
+                appearances: wp.array = wp.zeros(self._envs, dtype=wp.int32)
                 given: list[wp.array] = [wp.array(a.astype(np.int32), dtype=wp.int32) for a in (asked, each)]
             pair, frames = self._rigid.pair, self._rigid.visibility.packed
             what = [self._coarse, *given, self._rigid.pieces, pair.a.packed, frames, self.packed]
-            wp.launch(find_brief, (self._envs, *v.shape[1:]), what, [brief], device=v.device)
-            asked = asked & (brief.numpy() > limit)
+            wp.launch(count_single_appearances, (self._envs, *v.shape[1:]), what, [appearances], device=v.device)
+            asked = asked & (appearances.numpy() > limit)
             self.unseen |= asked & (each >= ahead.most)
             asked = asked & (each < ahead.most)
             drawn, each = int(each.max()), np.where(asked, 2 * each, each)
@@ -245,7 +249,7 @@ class Probes:
         own: wp.array = wp.array(np.where(held, 0, ahead.looked_at).astype(np.int32), device=v.device)
         for first, (now, then), packed in zip((0, coarse), ahead.pairs, (rigid.visibility.packed, self.packed)):
             rows = now.shape[0]
-            motions = self._displaced(now, then)
+            motions = displaced_against_camera(now, then, v.camera_body, v.device)
             where = [v.view, self._envs, first * self._envs]
             what = [span, gaps, ahead.least * coarse, instants.count, own, motions]
             what += [rigid.pieces, v.triangle_instance, albedo_scale, packed]
@@ -278,35 +282,6 @@ class Probes:
         then[ascending[:, None], :, movers] = moved[:-1].swapaxes(1, 2)
         now[:, :, movers] = poses.moved[which]
         return now.reshape(-1, *now.shape[2:]), then.reshape(-1, *then.shape[2:])
-
-    def _faster_between(
-        self, at_frames: tuple[np.ndarray, np.ndarray], between: tuple[np.ndarray, np.ndarray]
-    ) -> np.ndarray:
-        """Tells in which environments a body moves faster against the camera between frames than at any, bool [E];
-        arguments as of `ProbeForecast.pairs`."""
-        ways = [self._ways(*pair).max(axis=0) for pair in (at_frames, between)]
-        return np.asarray((ways[1] > FASTER * ways[0] + STILL).any(axis=(1, 2)))
-
-    def _ways(self, now: np.ndarray, then: np.ndarray) -> np.ndarray:
-        """Computes how far bodies, and last the world, go and turn against the camera from poses `then` to poses `now`,
-        [n E, N, 7]: float64 [n, E, N + 1, 2], m and rad."""
-        seen = []
-        for poses in (now, then):
-            eye = se3.inverse(poses[:, self._v.camera_body])[:, None]
-            seen.append(np.concatenate([se3.compose(eye, poses), eye], axis=1))
-        gone = np.linalg.norm(seen[0][..., :3] - seen[1][..., :3], axis=-1)
-        turned = se3.angle(se3.multiply(se3.conjugate(seen[1][..., 3:]), seen[0][..., 3:]))
-        return np.stack([gone, turned], axis=-1).reshape(-1, self._envs, now.shape[1] + 1, 2)
-
-    def _displaced(self, now: np.ndarray, then: np.ndarray) -> wp.array:
-        """Computes how bodies move against the camera from poses `then` to poses `now`, [rows, N, 7]: BodyMotion
-        [rows, N + 2]."""
-        v = self._v
-        given: list[Any] = [wp.array(p, dtype=wp.transformd, device=v.device) for p in (now, then)]
-        with wp.ScopedDevice(v.device):
-            motions = wp.empty((now.shape[0], now.shape[1] + 2), dtype=BodyMotion)
-            wp.launch(displace, motions.shape, [v.camera_body, *given], [motions])
-        return motions
 
 
 def least_of(upsampling: int) -> int:

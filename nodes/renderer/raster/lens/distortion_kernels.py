@@ -150,7 +150,7 @@ def walk_bundle(
     face: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Does as `walk_rays`, pixel by pixel."""
+    """Writes the same pixels as `walk_rays`, one after the other."""
     for y in range(y0, y1 + 1):
         for x in range(x0, x1 + 1):
             d = view.rays[y, x]
