@@ -146,7 +146,9 @@ class Probes:
         pairs = [self._shortly_before(which, stamps, poses, gap) for which in (frames, between) if which]
         if between:
             looked_at = np.where(
-                (brief.visits > least) | faster_between(*pairs, self._v.camera_body, self._envs), looked_at, coarse
+                (brief.visits > least) | faster_between(pairs[0], pairs[1], self._v.camera_body, self._envs),
+                looked_at,
+                coarse,
             )
             pairs = pairs[: 2 if looked_at.max() > coarse else 1]
         passing, swept = brief.passing & ~held, brief.swept & ~held
