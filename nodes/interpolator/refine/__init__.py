@@ -14,7 +14,7 @@ The words of this room:
 The way of the data:
 
 1. `method.py` is the method; `refinement.py` takes a gap and cuts it into windows; `rounds.py` goes through the steps
-   below for a window, with the kernels that `kernel_choice.py` makes for the scene. `window_kernels.py` holds what all
+   below for a window, with the kernels that `specialisation.py` makes for the scene. `window_kernels.py` holds what all
    of them read, `frame_kernels.py` the frames of a window.
 2. Instants: `instants.py` chooses the candidates, and `probing/` draws as many probes as what moves asks for.
 3. Requests: in `runs/` for pixels that show one surface, and for every run of those that show several. They follow a

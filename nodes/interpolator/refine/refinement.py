@@ -18,7 +18,6 @@ from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
 from nodes.interpolator.refine.instants import Instants, instants_of, least_parts
-from nodes.interpolator.refine.kernel_choice import Kernels
 from nodes.interpolator.refine.light.flicker import Flicker
 from nodes.interpolator.refine.light.highlights import Highlights, tolerance_for
 from nodes.interpolator.refine.light.light_visibility import LightVisibility
@@ -27,6 +26,7 @@ from nodes.interpolator.refine.probing.probes import ProbeForecast, Probes
 from nodes.interpolator.refine.rounds import Rounds, Window
 from nodes.interpolator.refine.samples.means import Means
 from nodes.interpolator.refine.samples.sort_kernels import count_samples, make_sort, place_samples
+from nodes.interpolator.refine.specialisation import Kernels
 from nodes.interpolator.refine.window_kernels import WindowParameters, WindowScene, make_coarse_frames
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.rigid.sampling import pixels_per_radian

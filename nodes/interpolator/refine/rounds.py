@@ -19,7 +19,6 @@ from nodes.interpolator.refine.evaluation.evaluator import Evaluator
 from nodes.interpolator.refine.evaluation.trace_kernels import trace_pixels
 from nodes.interpolator.refine.halving.interval_kernels import make_intervals
 from nodes.interpolator.refine.instants import Instants
-from nodes.interpolator.refine.kernel_choice import TRANSITION_BLOCK, Kernels
 from nodes.interpolator.refine.light.light_visibility import LightVisibility
 from nodes.interpolator.refine.paths.motion_kernels import find_bends
 from nodes.interpolator.refine.runs.transition_kernels import (
@@ -31,6 +30,7 @@ from nodes.interpolator.refine.runs.transition_kernels import (
 from nodes.interpolator.refine.samples.lists import GrowingList, Samples, part_of
 from nodes.interpolator.refine.samples.request_kernels import make_requests
 from nodes.interpolator.refine.samples.tally import Counts, Tally
+from nodes.interpolator.refine.specialisation import TRANSITION_BLOCK, Kernels
 from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.lighting import LIST_WORKERS
 

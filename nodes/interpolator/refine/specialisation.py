@@ -1,4 +1,4 @@
-"""Chooses the kernels of a window by what there is in the scene."""
+"""Makes the kernels of a window with code only for what there is in the scene."""
 
 from __future__ import annotations
 
