@@ -72,6 +72,8 @@ def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         if "unknown exception" in str(error) or not lines:
             lines = ["MuJoCo cannot read it; most likely it needs more memory than there is"]
+        if "could not find decoder" in str(error):
+            lines.append("MuJoCo knows files by their endings, in small letters: .xml, .obj, .stl, .png and others")
         raise SceneError(f"{path.name}: {'; '.join(lines)}") from None
     check_numbers(path.name, model)
     return model
