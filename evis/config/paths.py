@@ -71,6 +71,27 @@ def _beside(path: Path) -> Path | None:
     return path.with_name(near) if near else None
 
 
+_SCENE_NAMES_IT = "; a scene file names it: `world: [{shape: mesh, file: FILE}]`"
+_OTHERS = {
+    "a mesh" + _SCENE_NAMES_IT: (".obj", ".ply", ".stl", ".gltf", ".glb"),
+    "of a kind that is not read; export it as glTF" + _SCENE_NAMES_IT: (".dae", ".fbx", ".blend"),
+    "USD, which is not read; export it as MJCF or URDF, or its meshes as glTF": (".usd", ".usda", ".usdc", ".usdz"),
+    "SDF, which is not read; convert it to URDF or MJCF": (".sdf",),
+    "a compiled MuJoCo model; give the MJCF that it was compiled from": (".mjb",),
+    "a packed MuJoCo model; unpack it and give the MJCF in it": (".mjz",),
+}
+"""Files of worlds and things that are no scene, by their endings: what they are, and what helps."""
+
+
+def other_than_model(path: str | Path) -> str:
+    """Tells what a file is by its ending, and what helps, where it holds a world or thing and is no scene or model;
+    "" of all others."""
+    ending = Path(path).suffix.lower()
+    if ending == ".mjcf" or (ending == ".xml" and Path(path).suffix != ending):
+        return "a MuJoCo model by another ending; rename it so that it ends in .xml, by which MuJoCo knows it"
+    return next((what for what, endings in _OTHERS.items() if ending in endings), "")
+
+
 class UnknownLaunch(FileNotFoundError):
     """Says that what was named is neither a launch file nor a scene."""
 
@@ -83,7 +104,9 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     """
     if name.endswith(".xacro") and os.path.isfile(name):
         raise UnknownLaunch(f"{name} has to be expanded first: `xacro {name} > robot.urdf`, and launch that")
-    is_model = name.endswith((".xml", ".urdf")) and os.path.isfile(name)
+    if os.path.isfile(name) and (kind := other_than_model(name)):
+        raise UnknownLaunch(f"{name} is {kind}")
+    is_model = name.lower().endswith((".xml", ".urdf")) and os.path.isfile(name)
     path = None if is_model else find("launch", name)
     if path is not None and not _is_scene(path):
         return path, {}

@@ -128,7 +128,7 @@ def _scenes(table: Table, path: Path, sampling: str) -> list[SceneDraws]:
         entry.check_keys(("weight", "arguments"), f"scene '{name}' of a recipe")
         weight = _converted(Param(int, 1, "", "", 1, 1000), entry, "weight") if "weight" in entry else 1
         target = name
-        if (beside := path.parent / name).suffix in (".yaml", ".yml", ".xml", ".urdf") and beside.is_file():
+        if (beside := path.parent / name).suffix.lower() in (".yaml", ".yml", ".xml", ".urdf") and beside.is_file():
             target = os.path.abspath(beside)
         try:
             graph = read_target(target)

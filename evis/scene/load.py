@@ -8,7 +8,7 @@ from typing import Any
 
 from evis.config.document import Table
 from evis.config.params import Param
-from evis.config.paths import find, names
+from evis.config.paths import find, names, other_than_model
 from evis.config.suggestions import nearest
 from evis.files.regular import other_than_file
 from evis.scene.draws import Draws
@@ -131,7 +131,7 @@ def camera_names(name_or_path: str, overrides: Mapping[str, Any] | None = None) 
     The scene is loaded for it only where an entry stands for several. Raises as load_scene does.
     """
     path = find_scene(name_or_path)
-    cameras = None if path.suffix in MODELS else read_document(path).get("cameras")
+    cameras = None if path.suffix.lower() in MODELS else read_document(path).get("cameras")
     if not isinstance(cameras, Table) or not cameras:
         return None
     if any(isinstance(entry, Table) and "copies" in entry for entry in cameras.values()):
@@ -142,7 +142,9 @@ def camera_names(name_or_path: str, overrides: Mapping[str, Any] | None = None) 
 def find_scene(name_or_path: str) -> Path:
     """Finds the file of a scene by name or path. Raises FileNotFoundError naming the nearest one."""
     direct = Path(name_or_path)
-    if direct.suffix in MODELS and direct.is_file():
+    if (kind := other_than_model(direct)) and direct.is_file():
+        raise FileNotFoundError(f"{name_or_path} is {kind}")
+    if direct.suffix.lower() in MODELS and direct.is_file():
         return direct
     path = find("scenes", name_or_path)
     if path is None:

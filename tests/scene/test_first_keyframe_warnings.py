@@ -48,6 +48,16 @@ def test_open_meshes_and_hollow_solids_are_not_taken_for_it():
         assert is_inside_out(Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))) == expected
 
 
+def test_a_scene_of_which_nothing_is_drawn_is_told(tmp_path):
+    """A sky is something to be seen."""
+    for sky, told in (("environment: 1", 1), ("environment_map: {kind: sky}", 0)):
+        (tmp_path / "s.yaml").write_text(f"{CAMERA.replace('NEAR', '0.1')}{sky}\n")
+        scene = load_scene(str(tmp_path / "s.yaml"))
+        poses = np.array([body.trajectory.pose(np.zeros(1, np.int64))[0] for body in scene.bodies])
+        lines = FirstLook(scene).lines(scene.cameras[0], poses)
+        assert lines == ["camera 'cam0' sees nothing at the start: nothing in the scene is drawn"] * told
+
+
 def test_a_picture_of_nothing_is_told(tmp_path):
     """The ball of 0.3 m reaches to 2.3 m before the camera: with a near of 2.2 m some of it is there, with 2.4 none. A
     camera that looks away says where the ball is in its own frame."""

@@ -27,7 +27,8 @@ def add_cameras(scene: Scene, model: Any, data: Any, size: tuple[int, int]) -> N
     for i in range(model.ncam):
         name = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, i, "camera")
         if model.cam_projection[i] != mujoco.mjtProjection.mjPROJ_PERSPECTIVE:
-            scene.notes.append(f"camera '{name}' is left out: it is orthographic")
+            told = 'it is orthographic; with projection="perspective" and a fovy in degrees it is taken'
+            scene.notes.append(f"camera '{name}' is left out: {told}")
             continue
         k = _intrinsics(scene, model, i, size, name)
         # It is part of the names of topics; MuJoCo's own tools put a / into those of attached models.

@@ -18,7 +18,17 @@ from evis.scene.model import Material, Scene
 LEAST = np.float32(0.01)
 """No surface reflects less, as the blackest paints: MuJoCo's black would send back nothing, which has no logarithm."""
 _DEFAULT = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
-"""rgba of a geom that says nothing; then its material's counts."""
+"""rgba of a geom or tendon that says nothing; then its material's counts."""
+
+
+def rgba_of(model: Any, own: np.ndarray, material: int) -> np.ndarray:
+    """Reads the colour that MuJoCo shows of an element, sRGB and alpha, float32 [4]: its `own`, or else its material's.
+
+    material: number of the material, -1 for none.
+    """
+    if material >= 0 and np.array_equal(own, _DEFAULT):
+        return np.array(model.mat_rgba[material])
+    return np.array(own, np.float32)
 
 
 def material_of(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray]) -> int | None:
@@ -27,8 +37,8 @@ def material_of(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndar
 
     textures: made before, by MuJoCo's number; materials share them.
     """
-    number, own = int(model.geom_matid[geom]), np.array(model.geom_rgba[geom], np.float32)
-    rgba = np.array(model.mat_rgba[number]) if number >= 0 and np.array_equal(own, _DEFAULT) else own
+    number = int(model.geom_matid[geom])
+    rgba = rgba_of(model, model.geom_rgba[geom], number)
     if rgba[3] == 0.0:
         return None
     base = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_MATERIAL, number) if number >= 0 else None

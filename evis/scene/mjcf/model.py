@@ -25,6 +25,7 @@ from evis.scene.mjcf.frames import at_rest, name_of
 from evis.scene.mjcf.geoms import GROUPS, add_geom
 from evis.scene.mjcf.lights import add_lights, head_ambient
 from evis.scene.mjcf.sky import skybox
+from evis.scene.mjcf.undrawn import looks_otherwise, undrawn
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Prescribed
 
@@ -55,10 +56,9 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals
             allowance.take(add_geom(scene, model, geom, textures))
         except AllowanceError as error:
             raise SceneError(f"{scene.mjcf.name}: its shapes are too large to be drawn: {error}") from None
-    if model.nflex:
-        scene.notes.append("flexes are simulated but not drawn")
-    if model.nskin:
-        scene.notes.append("skins are not drawn; in their place are the shapes of the bodies under them")
+    scene.notes += undrawn(model)
+    if visuals:
+        scene.left_out += looks_otherwise(model, shown)
     if asleep := _asleep(model):
         scene.notes.append(f'sleep="init" counts as sleep="allowed", so at the start {asleep} may move')
     if not own_cameras:

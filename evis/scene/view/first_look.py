@@ -42,7 +42,8 @@ class FirstLook:
         """Returns a line for each such thing. poses: float64 [N, 7], of the scene's bodies."""
         scene, boxes = self._scene, self._boxes
         if not scene.instances:
-            return []
+            nothing = f"camera '{camera.name}' sees nothing at the start: nothing in the scene is drawn"
+            return [nothing] if scene.environment_map is None else []
         eye = poses[scene.body_index(camera.name)]
         places = se3.compose(np.concatenate((poses, se3.IDENTITY[None]))[self._bodies], self._places)
         # Where the camera is in the frames of the instances.

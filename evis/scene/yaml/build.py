@@ -203,7 +203,7 @@ def _folders(top: Fields, path: Path) -> Folders:
     names = [name.strip() for name in stated.split(",") if name.strip()] if isinstance(stated, str) else stated
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise top.error("assets", f"is {stated!r:.60}; it must be a list of folders")
-    bare = path.suffix in MODELS
+    bare = path.suffix.lower() in MODELS
     folders = tuple(Path(name).expanduser() if bare else path.parent / name for name in names)
     for folder in folders:
         if not folder.is_dir():

@@ -20,7 +20,7 @@ def read_document(path: Path) -> Table:
 
     Raises SceneError.
     """
-    if path.suffix in MODELS:
+    if path.suffix.lower() in MODELS:
         return _bare(note(path))
     try:
         table = _read(path)
@@ -49,7 +49,7 @@ def _bare(path: Path) -> Table:
     table["mjcf"], table["args"], table["assets"] = path.name, arguments, "${assets}"
     assets.update(type="str", default="", help="folders beside its own from which it may read files, with commas")
     arguments["assets"] = assets
-    if path.suffix == ".xml":
+    if path.suffix.lower() == ".xml":
         start = Table(str(path), 1)
         start.update(type="str", default="auto", help="keyframe to start from: a name, a number, none, or auto: home")
         arguments["keyframe"], table["keyframe"] = start, "${keyframe}"

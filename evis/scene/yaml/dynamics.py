@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from evis.config.paths import other_than_model
 from evis.scene.folders import Folders
 from evis.scene.model import Scene
 from evis.scene.view.fineness import make_finer
@@ -53,6 +54,8 @@ class Dynamics:
         scene.mjcf = (folders.home / top.text("mjcf")).resolve()
         if not scene.mjcf.is_file():
             raise top.error("mjcf", f"names {scene.mjcf.name}, which is not in {folders.home or '.'}")
+        if kind := other_than_model(scene.mjcf):
+            raise top.error("mjcf", f"names {scene.mjcf.name}, which is {kind}")
         scene.folders = folders.beside(scene.mjcf)
         size = (int(top.arguments["width"]), int(top.arguments["height"]))
         self.model = add_model(scene, size, own_cameras="cameras" in top.table, visuals=self._visuals)

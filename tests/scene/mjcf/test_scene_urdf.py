@@ -181,6 +181,25 @@ def test_a_package_that_is_not_there_is_said_by_who_moves_and_by_who_draws(robot
         assert "no file package://r/gone.dae; package 'r' is looked for above" in note and "ROS_PACKAGE_PATH" in note
 
 
+def test_a_mesh_of_a_kind_that_mujoco_does_not_read_says_what_helps(robot, tmp_path):
+    """COLLADA, as most robots of ROS have it: in a URDF the collision shapes are drawn, in an MJCF it is refused."""
+    (tmp_path / "arm.dae").write_text("<COLLADA/>")
+    robot.write_text(URDF.replace('<box size="0.2 0.4 0.1"/>', f'<mesh filename="{tmp_path / "arm.dae"}"/>'))
+    (note,) = load_scene(str(robot)).notes
+    mjcf = tmp_path / "arm.xml"
+    mjcf.write_text('<mujoco><asset><mesh file="arm.dae"/></asset><worldbody/></mujoco>')
+    with pytest.raises(SceneError) as refused:
+        load_scene(str(mjcf))
+    for told in (note, str(refused.value)):
+        assert "arm.dae" in told and told.endswith("MuJoCo reads meshes as .obj and .stl; convert it to one of these")
+
+
+def test_a_collision_mesh_that_is_not_there_is_an_error_of_the_scene(robot):
+    robot.write_text(URDF.replace('<sphere radius="0.3"/>', '<mesh filename="package://r/gone.stl"/>'))
+    with pytest.raises(SceneError, match=r"robot\.urdf: no file package://r/gone\.stl"):
+        load_scene(str(robot))
+
+
 @pytest.mark.parametrize("dirs", ['assetdir="parts"', 'meshdir="parts"', 'meshdir="parts" assetdir="nowhere"'])
 def test_meshes_lie_where_mujoco_looks_for_them(robot, tmp_path, dirs):
     """A triangle mesh in a folder that the file's <compiler> names by either key, as a link's collision shape."""

@@ -69,9 +69,18 @@ def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
     except (ValueError, RuntimeError, MemoryError) as error:
         if isinstance(error, SceneError):
             raise
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        if "unknown exception" in str(error) or not lines:
-            lines = ["MuJoCo cannot read it; most likely it needs more memory than there is"]
-        raise SceneError(f"{path.name}: {'; '.join(lines)}") from None
+        raise SceneError(f"{path.name}: {in_one_line(error)}") from None
     check_numbers(path.name, model)
     return model
+
+
+def in_one_line(error: Exception) -> str:
+    """Makes one line of what MuJoCo says against a file, with what helps where it does not say so."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if "unknown exception" in str(error) or not lines:
+        lines = ["MuJoCo cannot read it; most likely it needs more memory than there is"]
+    if "could not find decoder" in str(error):
+        lines.append("MuJoCo knows files by their endings, in small letters: .xml, .obj, .stl, .png and others")
+    elif "no decoder found for mesh" in str(error):
+        lines.append("MuJoCo reads meshes as .obj and .stl; convert it to one of these")
+    return "; ".join(lines)

@@ -13,12 +13,11 @@ from urllib.parse import unquote
 import mujoco
 import numpy as np
 
-from evis.files.damage import error_text
 from evis.files.regular import other_than_file
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.compiling.check import check_model
-from evis.scene.mjcf.compiling.compile import Edit, compiled, edited
+from evis.scene.mjcf.compiling.compile import Edit, compiled, edited, in_one_line
 from evis.scene.sources import note
 
 XACRO = re.compile(r"\$[{(]")
@@ -44,7 +43,7 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
     except SceneError:
         raise
     except (ValueError, RuntimeError, ET.ParseError, OSError) as error:
-        reason = error_text(error, 200)
+        reason = in_one_line(error)
         note = f"the collision geometry of {path.name} is drawn, its visual geometry cannot be read: {reason}"
         return model, model, note
 
@@ -68,6 +67,10 @@ def mujoco_model(path: Path, folders: Folders, edits: Sequence[Edit] = ()) -> An
         text = _text(path, folders, visuals=False)
     except (ET.ParseError, OSError):
         return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))  # which says what is wrong
+    except SceneError:
+        raise
+    except ValueError as error:
+        raise SceneError(str(error)) from None
     try:
         if edits:
             return compiled(path, lambda: edited(mujoco.MjSpec.from_string(text), edits))
