@@ -12,7 +12,7 @@ from nodes.renderer.raster.visibility import Visibility
 
 PART = 0.5
 """Of a lamp's distance from a surface, the way in which a look falls on its light: that is half as strong from 0.77
-distances before the nearest point to as many after, so that there are three looks in it."""
+distances before the nearest point to as many after, so that there are three looks or more in it."""
 BEAM = 1.0
 """The same of a spot's half-angle: its beam is on most points for less time than in its middle."""
 PAIRS, MOST, FEWEST = 1 << 9, 32, 4
