@@ -17,8 +17,8 @@ class LightChanges:
 
     relative: surfaces and lights may move against each other. shadows: something that moves may throw a shadow. view:
     there are glossy surfaces, and they or the camera move. indirect: light comes over other surfaces, some of which
-    move. facets: what has shading normals moves under lamps. lamps: lamps move. directional, point, spot, area: kinds
-    of light; mapped: the sky is a map.
+    move. facets: what has shading normals moves under lamps. lamps: lamps move, or what they shine on does and the
+    camera may go with it. directional, point, spot, area: kinds of light; mapped: the sky is a map.
     """
 
     relative: bool = False
@@ -34,9 +34,14 @@ class LightChanges:
     mapped: bool = False
 
     @property
+    def covers(self) -> bool:
+        """Tells whether shadows or beams may come over what stands still, and go."""
+        return self.shadows or (self.spot and self.relative)
+
+    @property
     def passes(self) -> bool:
         """Tells whether shadows, beams or lamps may come over what stands still, and go."""
-        return self.shadows or self.lamps or (self.spot and self.relative)
+        return self.covers or self.lamps
 
     @property
     def changes_lamps(self) -> bool:
@@ -53,6 +58,7 @@ def light_changes(scene: Scene, camera_body: int, paths: bool) -> LightChanges:
     """Finds what can change the light of a scene. camera_body: index of it; paths: whether light comes by paths."""
     instances = any(not is_static(scene, i.body) for i in scene.instances)
     lamps = any(not is_static(scene, light.body) for light in scene.lights)
+    camera = not is_static(scene, camera_body)
     mapped = scene.environment_map is not None
     gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
     lit = bool(scene.lights) or mapped
@@ -63,10 +69,10 @@ def light_changes(scene: Scene, camera_body: int, paths: bool) -> LightChanges:
     return LightChanges(
         relative=lit and (instances or lamps),
         shadows=any(light.shadows for light in scene.lights) and (instances or lamps),
-        view=mirrored and gloss and (instances or lamps or not is_static(scene, camera_body)),
+        view=mirrored and gloss and (instances or lamps or camera),
         indirect=paths and (instances or lamps),
         facets=bool(scene.lights) and shown_round,
-        lamps=lamps,
+        lamps=lamps or (bool(scene.lights) and instances and camera),
         directional="directional" in kinds,
         point="point" in kinds,
         spot="spot" in kinds,

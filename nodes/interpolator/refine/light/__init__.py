@@ -8,6 +8,7 @@
   (`box_shadows.py`, `box_shadow_kernels.py`), of gaps between things that move as one (`assemblies.py`), and from their
   speed (`shadow_time_kernels.py`).
 - Lamps that move to and fro: `lamp_turns.py` tells how long they go one way.
+- Lamps that go by a thing: `passing_lamps.py` tells how long their light, or a spot's beam, is on a point of it.
 - Facets of what is shaded round: `facets.py`, `facet_kernels.py`.
 - Highlights: `highlights.py`, by how round things are: `curvature.py`.
 """

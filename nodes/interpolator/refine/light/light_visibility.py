@@ -20,6 +20,7 @@ from nodes.interpolator.refine.light.box_shadows import BoxShadows
 from nodes.interpolator.refine.light.facets import BOXES, FEWEST, Facets
 from nodes.interpolator.refine.light.lamp_turns import LampTurns
 from nodes.interpolator.refine.light.light_visibility_kernels import make_find_light_changes
+from nodes.interpolator.refine.light.passing_lamps import PassingLamps
 from nodes.interpolator.refine.light.shadow_time_kernels import find_shortest_oscillations, find_shortest_shadows
 from nodes.interpolator.refine.light.silhouettes import finest_halves
 from nodes.interpolator.refine.probing.boxes import boxes_of
@@ -68,13 +69,14 @@ class LightVisibility:
         carried = [l for l, light in enumerate(scene.lights) if light.body in movers]
         lamps = [l for l in carried if scene.lights[l].shadows]
         # What stands still counts under a lamp that moves alone.
-        asked = moving | bool(lamps) if self._changes.passes else np.zeros_like(moving)
+        asked = moving | bool(lamps) if self._changes.covers else np.zeros_like(moving)
         fine = finest_halves(v, asked)
         self._boxes, self._count = boxes_of(v, movers, np.flatnonzero(moving), fine)
         self._assemblies = Assemblies(v, movers, np.flatnonzero(moving & asked), rigid.placement.worlds)
         self._box_shadows = BoxShadows.of(v, movers, np.flatnonzero(moving & asked), fine)
         self._facets = Facets(v, movers, moving & self._changes.facets)
         self._lamp_turns = LampTurns(v, movers)
+        self._passing_lamps = PassingLamps(v, movers)
         self._lamp_mover = np.searchsorted(movers, [scene.lights[l].body for l in lamps]).astype(np.int64)
         # A light far away sweeps over what throws shadows as one does that is as far as these may fall.
         solid = float(geometry.radius[(half > 0).all(axis=1)].max(initial=0.0))
@@ -186,9 +188,9 @@ class LightVisibility:
         return shadows, self._facets.shortest(moved, rest, apart_ns) / PER_FACET
 
     def _shortest(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
-        """Gives the shortest time, float64 [E] ns, for which the shadow of something, or the light through a hole in
-        it, is on a point, its width over its speed with the lamp's, or that of what goes to and fro, or a beam that
-        turns; a part of that under area lights.
+        """Gives the shortest time, float64 [E] ns, for which the light of a lamp that goes by is on a point, or the
+        shadow of something, or the light through a hole in it, its width over its speed with the lamp's, or that of
+        what goes to and fro, or a beam that turns; a part of that under area lights.
 
         moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. rest: of
         all bodies, float64 [E, N, 7].
@@ -197,6 +199,10 @@ class LightVisibility:
         shine, shortest = np.zeros(envs), np.full(envs, np.inf)
         if most < 1:
             return shortest
+        if self._passing_lamps.any:
+            shortest = self._passing_lamps.shortest(moved, rest)
+        if not self._changes.covers:
+            return apart_ns * shortest / self._looks
         times = min(most, max(FEWEST, BOXES // max(self._count, 1)))
         first = np.linspace(0, most - 1, times).astype(np.int32)
         if len(self._lamps):
@@ -206,7 +212,7 @@ class LightVisibility:
             ways = np.linalg.norm(way, axis=-1).max(axis=0)
             shine = ways.max(axis=1)
             thinnest = np.where(self._fixed, self._thinnest_far[:, None], self._thinnest[:, None])
-            shortest = (thinnest / np.maximum(ways, 1e-30)).min(axis=1)
+            shortest = np.minimum(shortest, (thinnest / np.maximum(ways, 1e-30)).min(axis=1))
         if len(self._beams):
             before, after = (moved[first + k][:, :, self._beam_mover, 3:] for k in (0, 1))
             apart = np.linalg.norm(se3.rotate(after, self._beams) - se3.rotate(before, self._beams), axis=-1)

@@ -10,15 +10,15 @@ from nodes.renderer.shadows.boxes import half_extents
 
 
 class BodyBoxes:
-    """Holds boxes of J instances: body int64 [J], -1 for the world's own; translation [J, 3], where on it; half [J, 3],
-    half their sides [m]."""
+    """Holds boxes of J instances: body int64 [J], -1 for the world's own; translation [J, 3] and rotation [J, 3, 3],
+    where on it; half [J, 3], half their sides [m]."""
 
     def __init__(self, visibility: Visibility, instances: np.ndarray) -> None:
         """Takes the instances, int64 [J]."""
         geometry = visibility.geometry
         self.body, self.translation = geometry.body[instances], geometry.translation[instances]
         self.half = half_extents(visibility)[instances]
-        self._rotation = geometry.rotation[instances]
+        self.rotation = geometry.rotation[instances]
         self._stood = np.zeros((0, 0, 7))
         self._axes, self._middle = np.zeros((0, 0, 3, 3)), np.zeros((0, 0, 3))
 
@@ -29,7 +29,7 @@ class BodyBoxes:
         stand = np.concatenate([poses, world], axis=1)[:, self.body]
         if not np.array_equal(stand, self._stood):
             turn = se3.to_matrix(stand[..., 3:])
-            self._stood, self._axes = stand, turn @ self._rotation
+            self._stood, self._axes = stand, turn @ self.rotation
             self._middle = stand[..., :3] + np.einsum("enij,nj->eni", turn, self.translation)
         return self._middle, self._axes
 
