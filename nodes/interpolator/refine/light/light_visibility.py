@@ -125,9 +125,11 @@ class LightVisibility:
         for n, path in enumerate(body.trajectory for body in v.scene.bodies):
             if path is not None:
                 poses[:, :, 0, n] = path.pose(times.ravel()).reshape(*times.shape, 7)
-        apart = np.array([SHORT_NS])
+        apart, usual = np.array([SHORT_NS]), np.array([USUAL_NS])
         # What of a facet is seen is up to where the camera is then.
-        looks = [min(seen[0] for seen in self._looks_apart(pair[:, :, movers], pair[0], apart)) for pair in poses]
+        looks = [
+            min(seen[0] for seen in self._looks_apart(pair[:, :, movers], pair[0], apart, usual)) for pair in poses
+        ]
         return bool(min(looks) * 2 < USUAL_NS)
 
     def parts(
@@ -147,7 +149,7 @@ class LightVisibility:
         coarse = lengths / instants.coarse
         most = min(MOST, 1 << instants.depth)
         found, missed = [], []
-        apart = self._looks_apart(poses.moved, poses.rest, lengths / instants.count)
+        apart = self._looks_apart(poses.moved, poses.rest, lengths / instants.count, coarse)
         for seen, longest in zip(apart, (1.0, PER_FACET / FEW)):
             rare = ~held & (2 * seen < coarse)
             wanted = np.ceil(coarse / np.maximum(seen, coarse / (most + 1)))
@@ -175,11 +177,13 @@ class LightVisibility:
         if self.bits.shape != shape:
             self.bits = wp.zeros(shape, dtype=wp.uint64, device=self._rigid.visibility.device)
 
-    def _looks_apart(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _looks_apart(
+        self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray, coarse_ns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Gives how far apart looks may be, float64 [E] ns: at shadows, beams and lamps, and at facets; as of
         `_shortest`."""
         none = np.full(moved.shape[1], np.inf)
-        shadows = SEEN * self._shortest(moved, rest, apart_ns) if self._changes.passes else none
+        shadows = SEEN * self._shortest(moved, rest, apart_ns, coarse_ns) if self._changes.passes else none
         if self._lamp_turns.any and len(moved) > 2:
             turned = apart_ns * self._lamp_turns.shortest(moved, rest) / PER_TURN
             shadows = np.minimum(shadows, SEEN * turned)
@@ -187,20 +191,22 @@ class LightVisibility:
             return shadows, none
         return shadows, self._facets.shortest(moved, rest, apart_ns) / PER_FACET
 
-    def _shortest(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray) -> np.ndarray:
+    def _shortest(self, moved: np.ndarray, rest: np.ndarray, apart_ns: np.ndarray, coarse_ns: np.ndarray) -> np.ndarray:
         """Gives the shortest time, float64 [E] ns, for which the light of a lamp that goes by is on a point, or the
         shadow of something, or the light through a hole in it, its width over its speed with the lamp's, or that of
         what goes to and fro, or a beam that turns; a part of that under area lights.
 
         moved: poses of the movers at all instants, float64 [n, E, M, 7], apart_ns [E] from each other. rest: of
-        all bodies, float64 [E, N, 7].
+        all bodies, float64 [E, N, 7]. coarse_ns: the coarse interval [E], at half
+        of which all is looked at in any case.
         """
         envs, most = moved.shape[1], len(moved) - 1
         shine, shortest = np.zeros(envs), np.full(envs, np.inf)
         if most < 1:
             return shortest
         if self._passing_lamps.any:
-            shortest = self._passing_lamps.shortest(moved, rest)
+            longest = coarse_ns / (2 * SEEN) * self._looks / apart_ns
+            shortest = self._passing_lamps.shortest(moved, rest, longest)
         if not self._changes.covers:
             return apart_ns * shortest / self._looks
         times = min(most, max(FEWEST, BOXES // max(self._count, 1)))

@@ -18,6 +18,8 @@ BEAM = 1.0
 PAIRS, MOST, FEWEST = 1 << 9, 32, 4
 """Pairs of a lamp and a box that are looked at in an environment over all times of a gap, at most, and such times, at
 most and at least."""
+ROUNDING = 1e-7
+"""Error of an angle that comes of the cosine of its half [rad]."""
 TINY = 1e-12
 """Of a ray's direction along a side of a box, from which on it counts as none."""
 
@@ -51,32 +53,53 @@ class PassingLamps:
         self._part = np.where(spot, np.minimum(BEAM * cones, PART), PART)[of]
         self._lamp, self._thing, self._camera = body[of], boxes.body[box], camera
         self._translation, self._rotation, self._half = boxes.translation[box], boxes.rotation[box], boxes.half[box]
+        which, thing = np.unique(box, return_inverse=True)
+        self._pairs = of, thing
+        self._places_of = (body, at), (boxes.body[which], boxes.translation[which])
+        """Of lamps, and of boxes that something goes by: which body they are on, and where on it [m]."""
         self._movers = movers
 
-    def shortest(self, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    def shortest(self, moved: np.ndarray, rest: np.ndarray, longest: np.ndarray) -> np.ndarray:
         """Gives that time, float64 [E] instants; inf where no lamp goes by.
 
         moved: poses of the movers at all instants, float64 [n, E, M, 7]. rest: of all bodies at one time, float64
-        [E, N, 7].
+        [E, N, 7]. longest: times that are of no interest any more, float64 [E] instants; in place of these it may be
+        inf.
         """
         most = len(moved) - 1
         times = min(most, MOST, max(FEWEST, PAIRS // len(self._lamp)))
         first = np.linspace(0, most - 1, times).astype(np.int64)
         poses, later = (self._poses(moved[first + k], rest) for k in (0, 1))
-        every = np.arange(len(self._lamp))
-        at, seen = self._places(poses, every)
+        near = self._candidates(poses, later, longest)
+        if not len(near):
+            return np.full(len(rest), np.inf)
+        at, seen = self._places(poses, near)
         # What trembles goes by nothing; of a single time that cannot be told.
         far = np.minimum(_extent(at), _extent(seen)) if times > 1 else np.full(at.shape[1:3], np.inf)
-        near = self._beside(at)
-        pairs = np.flatnonzero((far > self._wide + self._part * near.min(axis=0)).any(axis=0))
+        beside = self._beside(at, near)
+        passes = (far > self._wide[near] + self._part[near] * beside.min(axis=0)).any(axis=0)
+        pairs = near[passes]
         if not len(pairs):
             return np.full(len(rest), np.inf)
-        ways = (np.linalg.norm(b - a[:, :, pairs], axis=-1) for a, b in zip((at, seen), self._places(later, pairs)))
+        at, seen, far = at[:, :, passes], seen[:, :, passes], far[:, passes]
+        ways = (np.linalg.norm(b - a, axis=-1) for a, b in zip((at, seen), self._places(later, pairs)))
         way = np.minimum(*ways)
-        distance = np.where(self._spot[pairs], self._along(at[:, :, pairs], poses, pairs), near[:, :, pairs])
+        distance = np.where(self._spot[pairs], self._along(at, poses, pairs), beside[:, :, passes])
         width = self._wide[pairs] + self._part[pairs] * distance
-        passes = (far[:, pairs] > width) & (way > 0.0)
-        return np.where(passes, width / np.maximum(way, 1e-30), np.inf).min(axis=(0, 2))
+        going = (far > width) & (way > 0.0)
+        return np.where(going, width / np.maximum(way, 1e-30), np.inf).min(axis=(0, 2))
+
+    def _candidates(self, poses: np.ndarray, later: np.ndarray, longest: np.ndarray) -> np.ndarray:
+        """Gives the pairs, int64 [P], whose lamp may go by in less than `longest`, by how far the bodies go and turn
+        from `poses` to `later` and the sphere about each thing."""
+        (lamp, lamp_step, _), (middle, step, turn) = (_steps(poses, later, *places) for places in self._places_of)
+        of, box = self._pairs
+        apart = np.linalg.norm(lamp[:, :, of] - middle[:, :, box], axis=-1)
+        # Seen from the thing the lamp goes as far as both do, and as the thing turns beneath it.
+        shift = lamp_step[:, :, of] + step[:, :, box]
+        way = shift + turn[:, :, box] * (apart + shift)
+        near = np.maximum(apart - np.linalg.norm(self._half, axis=1), 0.0)
+        return np.flatnonzero((way * longest[:, None] > self._wide + self._part * near).any(axis=(0, 1)))
 
     def _poses(self, moved: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Gives the poses of all bodies and, last, of the world, float64 [T, E, N + 1, 7], for those of the movers, [T,
@@ -94,9 +117,9 @@ class PassingLamps:
         in_box = np.einsum("tepc,pcd->tepd", in_thing, self._rotation[pairs])
         return in_box, se3.transform(se3.inverse(poses[:, :, [self._camera]]), at)
 
-    def _beside(self, at: np.ndarray) -> np.ndarray:
-        """Gives how far places [..., P, 3] are from the nearest side of its box, float64 [..., P] m."""
-        over = np.abs(at) - self._half
+    def _beside(self, at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Gives how far places [..., P, 3] are from the nearest side of the boxes of pairs, float64 [..., P] m."""
+        over = np.abs(at) - self._half[pairs]
         return np.linalg.norm(np.maximum(over, 0.0), axis=-1) + np.maximum(-over.max(axis=-1), 0.0)
 
     def _along(self, at: np.ndarray, poses: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -111,6 +134,18 @@ class PassingLamps:
         enters, leaves = sides.min(axis=0).max(axis=-1), sides.max(axis=0).min(axis=-1)
         met = np.where(enters > 0.0, enters, leaves)
         return np.where(leaves >= np.maximum(enters, 0.0), met, np.inf).min(axis=-1)
+
+
+def _steps(
+    poses: np.ndarray, later: np.ndarray, body: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gives where places `at` [P, 3] m of bodies [P] are in the world, float64 [T, E, P, 3] m, how far they go, [T, E,
+    P] m, and by which angle the bodies turn, rad, from `poses` to `later`."""
+    before, after = poses[:, :, body], later[:, :, body]
+    now, then = se3.transform(before, at), se3.transform(after, at)
+    cosine = np.abs((before[..., 3:] * after[..., 3:]).sum(axis=-1))
+    turn = 2.0 * np.arccos(np.minimum(cosine, 1.0)) + ROUNDING
+    return now, np.linalg.norm(then - now, axis=-1), turn
 
 
 def _extent(places: np.ndarray) -> np.ndarray:
