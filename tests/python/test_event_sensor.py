@@ -130,7 +130,7 @@ def test_anything_with_dlpack(colour: bool) -> None:
 def test_frames_are_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the sensor is handed is the caller's memory."""
     frames, met = video(), []
-    from nodes.event_sensor import sensor as inner
+    from nodes.event_sensor import batches as inner
 
     taken = inner.on_device
     monkeypatch.setattr(inner, "on_device", lambda v, d: met.append(taken(v, d)) or met[-1])

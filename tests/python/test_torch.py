@@ -49,7 +49,7 @@ def test_tensors_in_tensors_out(device: str, colour: bool, params: dict[str, Any
 
 
 def test_a_tensor_is_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
-    from nodes.event_sensor import sensor as inner
+    from nodes.event_sensor import batches as inner
 
     met: list[Any] = []
     taken = inner.on_device
