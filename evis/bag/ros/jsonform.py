@@ -25,6 +25,7 @@ from msgs.header import Header, Message
 LISTED = 1024
 """Arrays with more numbers than this go as base64."""
 _SUFFIX = "_base64"
+_TEXT = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
 
 
 def plain(value: Any) -> Any:
@@ -56,14 +57,15 @@ def unplain(value: Any) -> Any:
     return [unplain(v) for v in value] if isinstance(value, list) else value
 
 
-def put_array(body: dict[str, Any], name: str, array: np.ndarray, spec: ArraySpec) -> None:
-    """Adds one array to a JSON object."""
+def _array_member(name: str, array: np.ndarray, spec: ArraySpec) -> tuple[str, str]:
+    """Writes an array as the key and the JSON text of an object's member."""
     listable = 0 < array.size <= LISTED and array.dtype.name == spec.dtypes[0] and bool(np.isfinite(array).all())
     if listable:
-        body[name] = array.tolist()
-    else:
-        data = base64.b64encode(array.tobytes()).decode()
-        body[name + _SUFFIX] = {"dtype": array.dtype.name, "shape": list(array.shape), "data": data}
+        return name, _TEXT(array.tolist())
+    # An encoder would hold the interpreter while it looks in base64 for what needs an escape.
+    data = base64.b64encode(array.tobytes()).decode()
+    about = f'"dtype":{_TEXT(array.dtype.name)},"shape":{_TEXT(list(array.shape))}'
+    return name + _SUFFIX, f'{{{about},"data":"{data}"}}'
 
 
 def get_array(body: dict[str, Any], name: str, spec: ArraySpec) -> np.ndarray | None:
@@ -87,16 +89,13 @@ def dump(message: Message, skip: Iterable[str] = (), **extra: Any) -> bytes:
     `_`.
     """
     h = message.header
-    body: dict[str, Any] = {
-        "header": {"stamp_ns": int(h.stamp_ns), "seq": int(h.seq), "clock": h.clock, "episode": int(h.episode)},
-        **{k: plain(v) for k, v in message.scalars().items() if k not in skip},
-    }
+    header = {"stamp_ns": int(h.stamp_ns), "seq": int(h.seq), "clock": h.clock, "episode": int(h.episode)}
+    texts = {"header": _TEXT(header)} | {k: _TEXT(plain(v)) for k, v in message.scalars().items() if k not in skip}
     specs = array_specs(type(message))
-    for name, array in message.arrays().items():
-        if name not in skip:
-            put_array(body, name, np.asarray(array), specs[name])
-    body |= extra
-    return json.dumps(body, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
+    arrays = message.arrays().items()
+    texts |= dict(_array_member(name, np.asarray(array), specs[name]) for name, array in arrays if name not in skip)
+    texts |= {k: _TEXT(v) for k, v in extra.items()}
+    return ("{" + ",".join(f'"{k}":{text}' for k, text in texts.items()) + "}").encode()
 
 
 def parse(raw: bytes | memoryview) -> dict[str, Any]:
