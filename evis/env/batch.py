@@ -13,7 +13,7 @@ from gymnasium.spaces import Dict, Space
 from evis.env.actions import Actions
 from evis.env.answers import of_each, told
 from evis.env.episodes import episode_seed, last_step
-from evis.env.observation import Moment, Observation, Observed, Setting, by_name, looks, of_events
+from evis.env.observation import Moment, Observation, Observed, Setting, by_name, is_of_events, needs_camera
 from evis.env.observations import Frames
 from evis.env.picture import Painter
 from evis.env.saved import BatchState
@@ -94,7 +94,9 @@ class Batch:
         self._parts = by_name(copy.deepcopy(self.task.observation if observation is None else observation))
         outputs = dict.fromkeys([*(part.output for part in self._parts.values()), "state"])
         # Tells what the sensor is, and how often there is something of the camera.
-        outputs |= dict.fromkeys(f"{part.camera}.info".lstrip(".") for part in self._parts.values() if looks(part))
+        outputs |= dict.fromkeys(
+            f"{part.camera}.info".lstrip(".") for part in self._parts.values() if needs_camera(part)
+        )
         given = {**self.task.arguments, **arguments, "envs": envs}
         for part in self._parts.values():
             given.update(part.ARGUMENTS)
@@ -134,7 +136,7 @@ class Batch:
         spaces: dict[str, Space[Any]] = {}
         for name, part in self._parts.items():
             height, width, apart = 0, 0, 1
-            if looks(part):
+            if needs_camera(part):
                 camera = part.camera or simulation.cameras[0]
                 seen, info = simulation.scene.camera(camera), first.cameras[camera].info
                 height, width = seen.height, seen.width
@@ -162,7 +164,7 @@ class Batch:
     def _check_crossing(self, step: Step) -> None:
         """Raises ValueError where events come later than the step that they are of. step: one that begins a run."""
         cameras = self.simulation.cameras
-        for camera in {part.camera or cameras[0] for part in self._parts.values() if of_events(part)}:
+        for camera in {part.camera or cameras[0] for part in self._parts.values() if is_of_events(part)}:
             info = step.cameras[camera].info
             if info is not None and (crossing := info.sensor.get("crossing")) in LOOK_AHEAD:
                 raise ValueError(

@@ -101,12 +101,12 @@ def by_name(observation: Any) -> dict[str, Observation]:
     return dict(observation)
 
 
-def looks(part: Observation) -> bool:
+def needs_camera(part: Observation) -> bool:
     """Tells whether an observation is made through a camera: the state is not, and the graph may have none then."""
     return part.OUTPUT != "state"
 
 
-def of_events(part: Observation) -> bool:
+def is_of_events(part: Observation) -> bool:
     """Tells whether an observation is made of events."""
     return part.OUTPUT == "events"
 
