@@ -20,6 +20,8 @@ _TRIANGLES = 4
 """Mode of a primitive whose corners are taken by threes; also where none is given."""
 ELEMENT = 8
 """Most bytes of one number, as meshes are worked on in float64."""
+NODE = 256
+"""Bytes that a node takes, of which each primitive of a mesh has one wherever the mesh is shown."""
 
 
 def read_header(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -61,7 +63,7 @@ def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
     for one in sizes:
         allowance.take(one)
     meshes = [
-        sum(sizes[i] for p in mesh.get("primitives", []) for i in (*p["attributes"].values(), *_indices(p)))
+        sum(NODE + sum(sizes[i] for i in (*p["attributes"].values(), *_indices(p))) for p in mesh.get("primitives", []))
         for mesh in tree.get("meshes", [])
     ]
     nodes = tree.get("nodes", [])

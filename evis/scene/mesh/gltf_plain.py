@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from evis.scene.errors import SceneError
+from evis.scene.mesh.gltf_nodes import name_nodes
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -56,6 +57,7 @@ def plain(tree: dict[str, Any], buffers: list[bytes]) -> bytes:
                     attributes[key] = new.readable(attributes[key], whole=key == "COLOR_0")
             if "indices" in primitive:
                 primitive["indices"] = new.readable(primitive["indices"], whole=True)
+    name_nodes(tree)
     tree["buffers"] = [{"byteLength": len(b), "uri": _uri(b)} for b in buffers[1:]]
     binary = buffers[0] if buffers else b""
     if buffers:
