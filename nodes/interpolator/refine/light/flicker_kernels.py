@@ -80,17 +80,16 @@ def make_request_marks(channels: int, waveform_count: int) -> Any:
         px: PixelInterval,
         at: int,
         hit: wp.uint64,
-        calm: bool,
         log_a: pixel,
         log_b: pixel,
         out: ListPart,
     ):
-        """Lists those marks of a pixel that shows the same point all along between which ln I is on a straight line.
+        """Lists those marks of a pixel that shows the same point all along, in light that changes by flicker alone,
+        between which ln I is on a straight line.
 
-        at: of the pixel in keyframe B. calm: no other light changes, so that ln I is known there. log_a, log_b: ln I at
-        the start and at the end. Gives the place of the last one, -1 without any, and by how much ln I changes from
-        there, or else from the start, to the end, as the lights' strength alone tells: what has changed otherwise shows
-        beside it.
+        at: of the pixel in keyframe B. log_a, log_b: ln I at the start and at the end. Gives the place of the last one,
+        -1 without any, and by how much ln I changes from there, or else from the start, to the end, as the lights'
+        strength alone tells: what has changed otherwise shows beside it.
         """
         first, end = marks_of(marks, px)
         logs = keys.logs[keys.first[1] + at]
@@ -102,7 +101,7 @@ def make_request_marks(channels: int, waveform_count: int) -> Any:
             anchor += log_of(radiance_of(logs, marks.at_frames, px.k * params.envs + px.env))
         else:
             anchor += log_of(radiance_of(logs, marks.at_start, px.env))
-        told = calm and apart(anchor, log_a) <= params.bend
+        told = apart(anchor, log_a) <= params.bend
         seen = hit
         if told:
             seen = NO_ENTRY

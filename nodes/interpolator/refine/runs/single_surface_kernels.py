@@ -160,10 +160,12 @@ def make_request_single_surface(
             rise = pixel(UNKNOWN)
             grown = pixel(0.0)
             if wp.static(waveform_count > 0):
+                # Where other light changes, keyframe B does not tell how much of it flickers within the gap.
+                if one and not changed:
+                    changed = light_flags(params, scene, change, px, each // 2, ends.before) != 0
                 if one and not changed:
                     done = True
                     at_b = (env * view.height + px.y) * view.width + px.x
-                    calm = light_flags(params, scene, change, px, each // 2, ends.before) == 0
                     last, rise = request_marks(
                         params,
                         keys,
@@ -172,7 +174,6 @@ def make_request_single_surface(
                         px,
                         at_b,
                         ends.after,
-                        calm,
                         log_of(a),
                         log_of(b),
                         out,
