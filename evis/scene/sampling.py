@@ -30,6 +30,14 @@ NAMED = 3
 FINEST = 1024
 """Most parts into which the time between two frames is divided by the instants at which single pixels are looked at."""
 
+LONGEST_GAP_NS = 1 << 31
+"""Time between two keyframes [ns] from which on no pixel is looked at between frames: samples count it in int32."""
+
+
+def too_far_apart(keyframe_rate: float) -> bool:
+    """Tells whether keyframes at a rate [Hz], 0 = unknown, are too far apart to look at single pixels between them."""
+    return keyframe_rate > 0 and 1e9 / keyframe_rate >= LONGEST_GAP_NS
+
 
 @dataclass(frozen=True)
 class _Fast:
@@ -96,6 +104,8 @@ def undersampled(
 
 def _too_fast(scene: Scene, frame_rate: float, pixel_rate: float, keyframe_rate: float) -> Iterator[_Fast]:
     """What `undersampled` tells of one scene."""
+    if too_far_apart(keyframe_rate):
+        pixel_rate = 0.0
     for light in scene.lights:
         if light.waveform is not None and light.waveform.depth:
             frequency, wanted = light.waveform.frequency, _wanted(light.waveform)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.scene.model import Camera
+from evis.scene.sampling import LONGEST_GAP_NS, too_far_apart
 from nodes.renderer import parameters
 
 if TYPE_CHECKING:
@@ -19,9 +20,15 @@ if TYPE_CHECKING:
 def by_frames_alone(camera: Camera, params: Mapping[str, Any]) -> str:
     """Says why the pixels of a camera go by frames alone although there is a tolerance of time; "" where they do
     not."""
-    if not parameters.by_paths(params):
+    if parameters.by_paths(params):
+        why = "their light comes by paths (bounces, sky_occlusion)"
+    elif too_far_apart(rate := params.get("keyframe_rate") or 0.0):
+        why = (
+            f"keyframes are {1 / rate:.4g} s apart, and pixels are looked at between those less than "
+            f"{LONGEST_GAP_NS * 1e-9:.4g} s apart (keyframe_rate)"
+        )
+    else:
         return ""
-    why = "their light comes by paths (bounces, sky_occlusion)"
     return f"time_tolerance changes nothing: all {camera.width}x{camera.height} pixels go by frames alone, for {why}"
 
 

@@ -260,7 +260,12 @@ def test_rigid_from_keyframes_and_states_alone():
 
 
 @pytest.mark.parametrize(
-    ("params", "why"), [({"bounces": 1}, "by paths"), ({"bounces": 1, "supersampling": 2}, "by paths")]
+    ("params", "why"),
+    [
+        ({"bounces": 1}, "by paths"),
+        ({"bounces": 1, "supersampling": 2}, "by paths"),
+        ({"keyframe_rate": 0.46}, "2.174 s apart"),
+    ],
 )
 def test_pixels_that_go_by_frames_alone_are_told_and_counted(params, why):
     """Foreseen for --explain, warned of at the start, and counted for the summary; not without a tolerance."""

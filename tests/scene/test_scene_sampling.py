@@ -90,6 +90,14 @@ def test_a_turn_is_held_against_single_pixels_too():
     assert undersampled(turning, 240) and not undersampled(turning, 240, 1000.0, 30)
 
 
+@pytest.mark.parametrize(("keyframe_rate", "named"), [(0.46, True), (0.466, False)])
+def test_between_keyframes_too_far_apart_pixels_go_by_frames(keyframe_rate, named):
+    """A sample's int32 of ns since a keyframe ends at 2.147 s, 0.4657 keyframes a second."""
+    lines = undersampled(scene(Spin(Z, 15.0)), 4 * keyframe_rate, 500.0, keyframe_rate)
+    assert len(lines) == named
+    assert all("frames come at 1.84 Hz" in line for line in lines)
+
+
 def test_a_light_that_does_not_vary_is_not_named():
     assert undersampled(scene(flicker=Waveform("sine", 240, 0.0)), 240) == []
 

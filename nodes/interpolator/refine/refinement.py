@@ -14,6 +14,7 @@ import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
 from evis.runtime.workers import Workers, edges_of
+from evis.scene.sampling import LONGEST_GAP_NS
 from nodes.interpolator.image_kernels import pixel_type
 from nodes.interpolator.keyframe import KeyframeView, Span
 from nodes.interpolator.refine.evaluation.evaluator import Evaluator, make_look_up_kernels
@@ -142,8 +143,8 @@ class Refinement:
         known, self._foreseen = self._foreseen, None
         instants = self._instants(gap)
         length = gap.longest
-        self.reached = instants.reached and length < 1 << 31 and self._flicker.follows(length)
-        if length <= 0 or length >= 1 << 31 or instants.depth == 0:
+        self.reached = instants.reached and length < LONGEST_GAP_NS and self._flicker.follows(length)
+        if length <= 0 or length >= LONGEST_GAP_NS or instants.depth == 0:
             return None
         rounds = self._rounds_of(instants)
         evaluator = rounds.evaluator
