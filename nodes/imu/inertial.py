@@ -21,6 +21,7 @@ import numpy as np
 
 from evis.geometry import se3
 from evis.geometry.interpolate import pose_at
+from evis.runtime import clock
 from nodes.imu.noise import normals
 
 KNOTS = 5
@@ -66,19 +67,19 @@ class InertialUnit:
 
     `clipped` counts components that went past a range, `nonfinite` samples with a NaN or inf.
 
-    Raises ValueError for a rate that is not above 0, and for negative densities or ranges.
+    Raises ValueError for a rate below 1e-6 or above 1e9, and for negative densities or ranges.
     """
 
     def __init__(self, model: ImuModel) -> None:
-        if not (math.isfinite(model.rate) and 0 < model.rate <= 1e9):
-            raise ValueError(f"IMU rate {model.rate:g} Hz must lie above 0, up to 1e9")
+        if not (math.isfinite(model.rate) and 1e-6 <= model.rate <= 1e9):
+            raise ValueError(f"IMU rate {model.rate:g} Hz must lie between 1e-6 and 1e9")
         limits = ("accel_noise", "gyro_noise", "accel_bias", "gyro_bias", "accel_range", "gyro_range")
         for name in limits:
             if not (math.isfinite(getattr(model, name)) and getattr(model, name) >= 0):
                 raise ValueError(f"IMU {name} {getattr(model, name):g} must be finite and not negative")
         self.model = model
         self.clipped = self.nonfinite = 0
-        self._period = Fraction(10**9) / Fraction(model.rate)
+        self._period = Fraction(10**9) / clock.rate(model.rate)
         self._restart(0)
 
     def _restart(self, episode: int) -> None:

@@ -2,11 +2,13 @@
 
 import itertools
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from evis.geometry import se3
+from evis.runtime.clock import keyframe_stamp
 from nodes.imu.inertial import ImuModel, InertialUnit, polynomial
 from nodes.imu.noise import normals
 
@@ -119,6 +121,16 @@ def test_the_error_is_of_fourth_order_in_the_sub_step():
     for coarse, fine in itertools.pairwise(errors):
         assert fine[0] < coarse[0] / 12 and fine[1] < coarse[1] / 12
     assert errors[-1][0] < 1e-5 * 0.1 * rate**2
+
+
+@pytest.mark.parametrize(("rate", "exact"), [(66.6666667, Fraction(200, 3)), (29.97002997, Fraction(30_000, 1001))])
+def test_a_rate_in_decimals_is_the_fraction_that_keyframes_take_it_for(rate, exact):
+    """Samples and keyframes of one rate stay together: here after 100,000 of them, to the ns."""
+    k = 100_000
+    wanted = [round(n * 10**9 / exact) for n in range(k, k + 3)]
+    t = np.array([wanted[0] - 1, wanted[-1]])
+    assert InertialUnit(ImuModel(rate=rate)).advance(t, *body(still(se3.IDENTITY[3:]), t)).t.tolist() == wanted
+    assert wanted == [keyframe_stamp(n, rate) for n in range(k, k + 3)]
 
 
 def test_samples_lie_on_the_grid_of_the_rate_and_each_message_has_its_own():
