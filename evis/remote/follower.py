@@ -32,6 +32,8 @@ _FAILURES = 3
 _LOOK_MS = 50
 _AGAIN_MS, _AGAIN_AT_LAST_MS = 100, 2000
 """Time after which a connection is tried again, at first, and at most as it doubles with each failure."""
+_PROBE_S, _GONE_S = 5, 60
+"""Interval of the probes of a silent connection, and the time without an answer after which it is broken [s]."""
 _EVENT = struct.Struct("=Hi")
 _EVENTS = (
     zmq.EVENT_CONNECTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH
@@ -65,6 +67,7 @@ class Follower:
         self._context = zmq.Context()
         sock = wire.open_socket(self._context, zmq.SUB, _RECEIVED)
         protocol.prepare(sock, address, key)
+        _watch_connection(sock)
         sock.setsockopt(zmq.RECONNECT_IVL, _AGAIN_MS)
         sock.setsockopt(zmq.RECONNECT_IVL_MAX, _AGAIN_AT_LAST_MS)
         sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST)
@@ -246,3 +249,15 @@ class Follower:
         self._socket.disable_monitor()
         self._monitor.close(linger=0)
         self._context.destroy(linger=0)
+
+
+def _watch_connection(sock: zmq.Socket) -> None:
+    """Lets the kernel find out that a server's host is gone.
+
+    Answers to heartbeats lie unread behind a full queue: libzmq 4.3.5 would connect anew, and abort the process.
+    """
+    sock.setsockopt(zmq.TCP_KEEPALIVE, 1)
+    sock.setsockopt(zmq.TCP_KEEPALIVE_IDLE, _PROBE_S)
+    sock.setsockopt(zmq.TCP_KEEPALIVE_INTVL, _PROBE_S)
+    sock.setsockopt(zmq.TCP_KEEPALIVE_CNT, _GONE_S // _PROBE_S)
+    sock.setsockopt(zmq.TCP_MAXRT, 1000 * _GONE_S)  # of what was sent and is not acknowledged

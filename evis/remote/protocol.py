@@ -57,9 +57,7 @@ def check_address(address: str, bound: bool) -> str:
 
 
 def prepare(sock: zmq.Socket, address: str, key: KeyPair) -> None:
-    """Sets what the sockets of both sides have alike: their own keys, heartbeats, and the family of the address."""
-    sock.setsockopt(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
-    sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
+    """Sets what the sockets of both sides have alike: their own keys, and the family of the address."""
     sock.setsockopt(zmq.IPV6, "[" in address)
     sock.curve_publickey, sock.curve_secretkey = key.public, key.secret
 

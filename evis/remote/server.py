@@ -94,6 +94,8 @@ class Server:
     def _bound(self, address: str, key: KeyPair) -> zmq.Socket:
         sock = wire.open_socket(self._context, zmq.XPUB, QUEUE)
         protocol.prepare(sock, address, key)
+        sock.setsockopt(zmq.HEARTBEAT_IVL, protocol.HEARTBEAT_MS)
+        sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, protocol.HEARTBEAT_TIMEOUT_MS)
         sock.setsockopt(zmq.MAXMSGSIZE, max(_LONGEST_ASKED, 2 * max(map(len, self._every_keys), default=0)))
         sock.curve_server = True
         try:
