@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ from evis.files.allowance import Allowance
 from evis.files.json_text import parsed
 from evis.scene.errors import SceneError
 from evis.scene.images.pictures import check_picture
+from evis.scene.mesh.gltf_structure import check_extents, check_names
 
 SUFFIXES = (".gltf", ".glb")
 _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -49,12 +49,14 @@ def buffers_of(tree: dict[str, Any], binary: bytes, read: Callable[[str], bytes]
 
 
 def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
-    """Refuses a file that asks for more memory than its size allows, and pictures within it that are too large.
+    """Refuses a file that asks for more memory than its size allows, or names what is not there, and pictures within it
+    that are too large.
 
     buffers: as of `buffers_of`. size: of the file [bytes]. Accessors, views and meshes count as often as they are used:
     numbers in a few bytes of JSON can name the same bytes many times. Raises SceneError, AllowanceError (whose texts
     the caller puts the name before), or whatever else a damaged file leads to.
     """
+    check_names(tree)
     views = tree.get("bufferViews", [])
     allowance = Allowance(size + sum(map(len, buffers)))
     for view in views:
@@ -76,6 +78,7 @@ def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
             allowance.take(meshes[nodes[number]["mesh"]])
     for one in meshes:
         allowance.take(one)
+    check_extents(tree, buffers, _PARTS)
     for number, image in enumerate(tree.get("images", [])):
         if "bufferView" in image:
             view = views[image["bufferView"]]
@@ -114,9 +117,9 @@ def _check_triangles(tree: dict[str, Any]) -> None:
 
 def _size(accessor: dict[str, Any]) -> int:
     count = accessor["count"]
-    if not isinstance(count, (int, float)) or not math.isfinite(count) or count < 0:
+    if type(count) is not int or count < 0:
         raise ValueError(f"an accessor has the count {count!r:.40}")
-    return int(count) * _PARTS[accessor["type"]] * ELEMENT
+    return count * _PARTS[accessor["type"]] * ELEMENT
 
 
 def _indices(primitive: dict[str, Any]) -> list[int]:

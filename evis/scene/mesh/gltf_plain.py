@@ -23,8 +23,6 @@ _FLOAT = 5126
 _FAN = 6
 NO_MATERIAL = "none"
 """Name of what stands for the material of a mesh that has none, where the others are named by their numbers."""
-_READ = ("KHR_materials_", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_texture_webp")
-"""Beginnings of extensions that a file may ask for: what they say is read, or what a picture may do without."""
 
 
 def plain(tree: dict[str, Any], buffers: list[bytes]) -> bytes:
@@ -33,9 +31,6 @@ def plain(tree: dict[str, Any], buffers: list[bytes]) -> bytes:
     Raises SceneError, whose text the caller puts the name before, for what cannot be read; whatever else a damaged file
     leads to.
     """
-    for name in tree.get("extensionsRequired", []):
-        if not str(name).startswith(_READ):
-            raise SceneError(f"needs the extension {name!s:.60}, which is not read; export it without")
     tree = copy.deepcopy(tree)
     new = _Numbers(tree, buffers)
     for number, material in enumerate(tree.get("materials", [])):

@@ -1,0 +1,111 @@
+"""Checks that what the entries of a glTF file name is there: extensions, entries by their numbers, bytes of buffers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from evis.scene.errors import SceneError
+
+_COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""Bytes of one number."""
+_KINDS = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes", "scenes")
+_READ = ("KHR_materials_", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_texture_webp")
+"""Beginnings of extensions that a file may ask for: what they say is read, or what a picture may do without."""
+_TRANSFORMS = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
+
+
+def check_names(tree: dict[str, Any]) -> None:
+    """Refuses a file of which an entry names another that is not there, or of which nodes are no trees.
+
+    Also one that needs an extension which is not read, or has a node whose transform is not of finite numbers. Raises
+    SceneError, whose text the caller puts the name before.
+    """
+    for name in tree.get("extensionsRequired", []):
+        if not str(name).startswith(_READ):
+            raise SceneError(f"needs the extension {name!s:.60}, which is not read; export it without")
+    for kind in _KINDS:
+        entries = tree.get(kind, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise SceneError(f"its {kind} are no list of maps; write it anew")
+    for who, kind, number in _names(tree):
+        if type(number) is not int or not 0 <= number < len(tree.get(kind, [])):
+            there = len(tree.get(kind, []))
+            raise SceneError(
+                f"{who} names number {number!r:.40} of its {kind}, of which there are {there}; write it anew"
+            )
+    scenes = tree.get("scenes", [])
+    shown = scenes[tree.get("scene", 0)].get("nodes", []) if scenes else []
+    above = dict.fromkeys(shown, "the scene itself")
+    for k, node in enumerate(tree.get("nodes", [])):
+        for child in node.get("children", []):
+            if child in above:
+                told = f"its node {child} is below node {k} and {above[child]}"
+                raise SceneError(f"{told}; write it with nodes that form a tree")
+            above[child] = f"node {k}"
+        _check_transform(k, node)
+
+
+def check_extents(tree: dict[str, Any], buffers: list[bytes], parts: dict[str, int]) -> None:
+    """Refuses a file of which a buffer, view or accessor is longer than what it lies in, as where a file is cut.
+
+    buffers: their contents. parts: of the types of accessors. Raises SceneError, whose text the caller puts the name
+    before.
+    """
+    views = tree.get("bufferViews", [])
+    for k, (buffer, content) in enumerate(zip(tree.get("buffers", []), buffers)):
+        if buffer.get("byteLength", 0) > len(content):
+            told = f"its buffer {k} has {len(content)} bytes of {buffer['byteLength']}"
+            raise SceneError(f"{told}: it is cut, or damaged; write it anew")
+    for k, view in enumerate(views):
+        start = view.get("byteOffset", 0)
+        _check_within(f"its bufferView {k}", start, start + view["byteLength"], len(buffers[view["buffer"]]))
+    for k, accessor in enumerate(tree.get("accessors", [])):
+        if "bufferView" not in accessor or not accessor["count"]:
+            continue
+        view = views[accessor["bufferView"]]
+        start, size = accessor.get("byteOffset", 0), _COMPONENT[accessor["componentType"]] * parts[accessor["type"]]
+        step = view.get("byteStride", size)
+        if step < size:
+            raise SceneError(f"its accessor {k} has elements of {size} bytes every {step}; write it anew")
+        end = start + step * (accessor["count"] - 1) + size
+        _check_within(f"its accessor {k}", start, end, view["byteLength"])
+
+
+def _check_within(who: str, start: int, end: int, there: int) -> None:
+    if start < 0 or end > there:
+        raise SceneError(f"{who} has bytes {start} to {end} of {there}: it is cut, or damaged; write it anew")
+
+
+def _check_transform(number: int, node: dict[str, Any]) -> None:
+    for key, count in _TRANSFORMS.items():
+        values = node.get(key, [0.0] * count)
+        known = isinstance(values, list) and len(values) == count
+        if not known or not all(type(value) in (int, float) and math.isfinite(value) for value in values):
+            raise SceneError(f"its node {number} has a {key} that is not of {count} finite numbers; write it anew")
+
+
+def _names(tree: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """Yields what names an entry, of which kind that is, and its number."""
+    if "scene" in tree:
+        yield "it", "scenes", tree["scene"]
+    for kind, key, named in (
+        ("bufferViews", "buffer", "buffers"), ("accessors", "bufferView", "bufferViews"), ("nodes", "mesh", "meshes"),
+    ):  # fmt: skip
+        for k, entry in enumerate(tree.get(kind, [])):
+            if key in entry:
+                yield f"its {kind[:-1]} {k}", named, entry[key]
+    for kind, key in (("scenes", "nodes"), ("nodes", "children")):
+        for k, entry in enumerate(tree.get(kind, [])):
+            for number in entry.get(key, []):
+                yield f"its {kind[:-1]} {k}", "nodes", number
+    for k, mesh in enumerate(tree.get("meshes", [])):
+        for primitive in mesh.get("primitives", []):
+            for number in (
+                *primitive["attributes"].values(),
+                *([primitive["indices"]] if "indices" in primitive else []),
+            ):
+                yield f"its mesh {k}", "accessors", number
+            if "material" in primitive:
+                yield f"its mesh {k}", "materials", primitive["material"]
