@@ -6,20 +6,16 @@ further primitives of a mesh at random, and leaves out a node with a camera, wit
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
-
-from evis.scene.errors import SceneError
 
 
 def name_nodes(tree: dict[str, Any]) -> None:
     """Names all nodes by their rank in the order of the names they have, or else their numbers; none has a camera.
 
-    Every mesh has one primitive afterwards, and hangs on a node without children, named by its parent and the
-    primitive's number. Raises SceneError, whose text the caller puts the name before, for a node below itself.
+    The nodes form trees. Every mesh has one primitive afterwards, and hangs on a node without children, named by its
+    parent and the primitive's number.
     """
     nodes: list[dict[str, Any]] = tree.get("nodes", [])
-    _check_ways(nodes)
     parts = _single_primitives(tree)
     tree.pop("cameras", None)
     given = sorted(range(len(nodes)), key=lambda n: (str(nodes[n].get("name") or n), n))
@@ -32,19 +28,6 @@ def name_nodes(tree: dict[str, Any]) -> None:
             first = len(nodes)
             node["children"] = [*node.get("children", []), *range(first, first + len(shown))]
             nodes += [{"name": f"{node['name']}_{k:08d}", "mesh": mesh} for k, mesh in enumerate(shown)]
-
-
-def _check_ways(nodes: list[dict[str, Any]]) -> None:
-    """Raises SceneError where the way down from a node comes back to it."""
-    above = Counter(child for node in nodes for child in node.get("children", []))
-    free = [number for number in range(len(nodes)) if not above[number]]
-    while free:
-        for child in nodes[free.pop()].get("children", []):
-            above[child] -= 1
-            if not above[child]:
-                free.append(child)
-    if left := [number for number, count in above.items() if count]:
-        raise SceneError(f"its node {min(left)} is below itself; write it with nodes that form a tree")
 
 
 def _single_primitives(tree: dict[str, Any]) -> list[list[int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -35,6 +36,7 @@ def check_names(tree: dict[str, Any]) -> None:
             raise SceneError(
                 f"{who} names number {number!r:.40} of its {kind}, of which there are {there}; write it anew"
             )
+    _check_ways(tree.get("nodes", []))
     scenes = tree.get("scenes", [])
     shown = scenes[tree.get("scene", 0)].get("nodes", []) if scenes else []
     above = dict.fromkeys(shown, "the scene itself")
@@ -76,6 +78,19 @@ def check_extents(tree: dict[str, Any], buffers: list[bytes], parts: dict[str, i
 def _check_within(who: str, start: int, end: int, there: int) -> None:
     if start < 0 or end > there:
         raise SceneError(f"{who} has bytes {start} to {end} of {there}: it is cut, or damaged; write it anew")
+
+
+def _check_ways(nodes: list[dict[str, Any]]) -> None:
+    """Raises SceneError where the way down from a node comes back to it."""
+    above = Counter(child for node in nodes for child in node.get("children", []))
+    free = [number for number in range(len(nodes)) if not above[number]]
+    while free:
+        for child in nodes[free.pop()].get("children", []):
+            above[child] -= 1
+            if not above[child]:
+                free.append(child)
+    if left := [number for number, count in above.items() if count]:
+        raise SceneError(f"its node {min(left)} is below itself; write it with nodes that form a tree")
 
 
 def _check_transform(number: int, node: dict[str, Any]) -> None:

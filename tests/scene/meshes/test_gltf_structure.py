@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import struct
 from collections.abc import Callable
@@ -11,32 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from one_triangle import TRIANGLE, Tree, gltf, triangle
 
 from evis.scene.errors import SceneError
 from evis.scene.mesh.files import load_parts
-
-TRIANGLE = np.eye(3, dtype="<f4")
-Tree = dict[str, Any]
-
-
-def triangle(nodes: int = 1) -> Tree:
-    """The JSON of a file with one triangle, which all of its nodes show."""
-    return {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": list(range(nodes))}],
-        "nodes": [{"mesh": 0} for _ in range(nodes)],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36}],
-    }
-
-
-def gltf(path: Path, tree: Tree) -> Path:
-    uri = "data:;base64," + base64.b64encode(TRIANGLE.tobytes()).decode()
-    path.write_text(json.dumps(tree | {"buffers": [tree["buffers"][0] | {"uri": uri}]}))
-    return path
 
 
 def glb(path: Path) -> bytes:
