@@ -85,7 +85,7 @@ def codes_of(picture: Any) -> np.ndarray:
 
 
 def _opened(source: Path | bytes) -> Any:
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     read = len(source) if isinstance(source, bytes) else note(source).stat().st_size
     try:
@@ -94,6 +94,8 @@ def _opened(source: Path | bytes) -> Any:
             picture = Image.open(io.BytesIO(source) if isinstance(source, bytes) else source, formats=FORMATS)
     except Image.DecompressionBombError:
         raise SceneError(f"of more than {MAX_TEXELS} texels, which is the most that can be read") from None
+    except UnidentifiedImageError:  # whose text has the place of a picture within another file in memory
+        raise SceneError("which is no picture: it is of no kind that can be read, or damaged; save it as PNG") from None
     except Exception as error:
         raise SceneError(f"which is no picture: {error_text(error, 150)}") from None
     try:

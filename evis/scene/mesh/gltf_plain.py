@@ -89,7 +89,12 @@ def _lay(tree: dict[str, Any], primitive: dict[str, Any], new: _Numbers) -> None
         sine, cosine = np.sin(change.get("rotation", 0.0)), np.cos(change.get("rotation", 0.0))
         # Counter-clockwise as it is seen, while v counts downwards.
         turned = np.stack((cosine * u + sine * v, cosine * v - sine * u), axis=-1)
-        attributes["TEXCOORD_0"] = new.add(turned + np.array(change.get("offset", [0, 0]), np.float64))
+        laid = turned + np.array(change.get("offset", [0, 0]), np.float64)
+        if not np.isfinite(laid).all():
+            raise SceneError(
+                f"material {primitive['material']} has a KHR_texture_transform that is not finite; write it anew"
+            )
+        attributes["TEXCOORD_0"] = new.add(laid)
 
 
 class _Numbers:

@@ -44,9 +44,20 @@ def layout(source: Any, folder: str) -> tuple[np.ndarray, np.ndarray] | None:
 
 def read_material(path: Path, source: Any, exact: Sequence[Mapping[str, Any]], textures: bool) -> Material:
     """Reads a material as trimesh has it. exact: those of a glTF's JSON, of which its name is the number. textures:
-    whether the picture of its colour is wanted.
+    whether the picture of its colour is wanted. Raises SceneError naming the file for numbers that are not finite.
     """
-    return _gltf(path, source, exact, textures) if hasattr(source, "baseColorFactor") else _mtl(path, source, textures)
+    with np.errstate(invalid="ignore", over="ignore"):  # which is refused below
+        if hasattr(source, "baseColorFactor"):
+            made = _gltf(path, source, exact, textures)
+        else:
+            made = _mtl(path, source, textures)
+    for key in ("albedo", "emission", "roughness", "metallic"):
+        if not np.isfinite(getattr(made, key)).all():
+            name = made.name.removeprefix(f"{path.stem}_")
+            raise SceneError(
+                f"{path.name} has material '{name}' with a number for its {key} that is not finite; write it anew"
+            )
+    return made
 
 
 def absent_pictures(exact: Sequence[Mapping[str, Any]], scene: Any) -> list[str]:
@@ -131,9 +142,9 @@ def _gltf(path: Path, source: Any, exact: Sequence[Mapping[str, Any]], textures:
         f"{path.stem}_{stored.get('name') or 'material'}",
         np.clip(np.asarray(albedo, np.float32)[:3], 0.0, 1.0),
         _image(path, source.baseColorTexture) if textures else None,
-        emission.astype(np.float32),
-        roughness,
-        metallic,
+        np.maximum(emission, 0.0).astype(np.float32),
+        float(np.clip(roughness, 0.0, 1.0)),
+        float(np.clip(metallic, 0.0, 1.0)),
         bool(stored.get("doubleSided", False)),
     )
 
