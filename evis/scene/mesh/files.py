@@ -23,7 +23,14 @@ from evis.scene.mesh.normals import crease_normals
 from evis.scene.mesh.ply_faces import cut_faces
 from evis.scene.mesh.polygons import cut_polygons
 from evis.scene.mesh.shapes import is_flat
-from evis.scene.mesh.wavefront import absolute, in_utf8, laid_throughout, spelled_plainly, without_libraries
+from evis.scene.mesh.wavefront import (
+    absolute,
+    in_utf8,
+    laid_throughout,
+    spelled_plainly,
+    without_libraries,
+    without_mixed_normals,
+)
 from evis.scene.model import Material, Mesh
 from evis.scene.sources import note
 
@@ -207,7 +214,7 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         from evis.scene.mesh.assets import LIBRARIES
 
         content, assets.libraries = without_libraries(spelled_plainly(content))
-        content = cut_polygons(laid_throughout(absolute(content)))
+        content = cut_polygons(laid_throughout(without_mixed_normals(absolute(content))))
         if assets.libraries:
             content = f"mtllib {LIBRARIES}\n".encode() + content
     return content, kind, []

@@ -23,6 +23,9 @@ _LAID = re.compile(rb"^f [^\n]*\d/\d", re.MULTILINE)
 _LAID_BY = re.compile(rb"[ \t]\d+/(\d+)")
 _BARE_FACE = re.compile(rb"^f [^\n]*(?<=[ \t])\d+(?://|\s|\Z)", re.MULTILINE)
 _BARE = re.compile(rb"(?<=[ \t])(\d+)(?:/(?=/)|(?=\s|\Z))")
+_WITH_NORMAL = re.compile(rb"^f [^\n]*/\d*/", re.MULTILINE)
+_WITHOUT_NORMAL = re.compile(rb"^f [^\n]*(?<=[ \t])\d+(?:/\d*)?(?=\s|\Z)", re.MULTILINE)
+_CORNER = re.compile(rb"(?<=[ \t])(\d+)(?:/(\d*)(?:/\d*)?)?(?=\s|\Z)")
 _COORDINATES = re.compile(rb"^vt [^\n]*", re.MULTILINE)
 
 
@@ -40,6 +43,19 @@ def spelled_plainly(content: bytes) -> bytes:
 def without_libraries(content: bytes) -> tuple[bytes, list[str]]:
     """Returns an OBJ, as `spelled_plainly` gives it, that names no MTL, and what stood behind each `mtllib`."""
     return _LIBRARY.sub(b"", content), [name.decode().strip() for name in _LIBRARY.findall(content)]
+
+
+def without_mixed_normals(content: bytes) -> bytes:
+    """Returns an OBJ, as `absolute` gives it, in which all corners name normals, or none does.
+
+    trimesh takes faces of as many numbers for faces of as many corners: of a quad of `v/vt/vn` and a hexagon of `v/vt`
+    the hexagon would be a quad too, with texture coordinates for vertices. Normals of files are not used.
+    """
+    if not (_WITH_NORMAL.search(content) and _WITHOUT_NORMAL.search(content)):
+        return content
+    return _FACE.sub(
+        lambda face: _CORNER.sub(lambda corner: b"/".join(filter(None, corner.groups())), face[0]), content
+    )
 
 
 def laid_throughout(content: bytes) -> bytes:

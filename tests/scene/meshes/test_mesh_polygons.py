@@ -86,3 +86,27 @@ def test_numbers_below_0_count_back_from_their_face(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nf -1 -2 -1\nv 1 1 1\n")
     with pytest.raises(SceneError, match="a face counts back 2 places, where there are 1"):
         load_parts(tmp_path / "a.obj", np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("corners", "others", "bare"),
+    [(4, 6, "{0}/{0}"), (3, 6, "{0}"), (6, 12, "{0}")],
+    ids=["quad", "triangle", "hexagon"],
+)
+def test_faces_of_as_many_numbers_keep_their_corners(tmp_path, corners, others, bare):
+    """One has normals and the other not, so that both are of as many numbers: both cover the area of their polygon."""
+    turns = [np.arange(count) / count * 2 * np.pi for count in (corners, others)]
+    points = np.concatenate([np.c_[np.cos(turn) + 3 * k, np.sin(turn), 0 * turn] for k, turn in enumerate(turns)])
+    named = bare + ("/1" if "/" in bare else "//1")
+    lines = [f"v {x} {y} {z}\nvt {x} {y}" for x, y, z in points]
+    lines += ["vn 0 0 1", " ".join(["f", *(named.format(n) for n in range(1, corners + 1))])]
+    lines += [" ".join(["f", *(bare.format(n) for n in range(corners + 1, len(points) + 1))])]
+    (tmp_path / "a.obj").write_text("\n".join(lines) + "\n")
+    (part,) = load_parts(tmp_path / "a.obj", np.ones(3))
+    seen = part.mesh.vertices[part.mesh.faces].astype(np.float64)
+    areas = 0.5 * np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])[:, 2]
+    right = seen[:, :, 0].mean(axis=1) > 1.5
+    expected = [0.5 * count * np.sin(2 * np.pi / count) for count in (corners, others)]
+    assert np.allclose([areas[~right].sum(), areas[right].sum()], expected, rtol=1e-5) and areas.min() > 0
+    if part.mesh.uv is not None:
+        assert np.allclose(part.mesh.uv, seen[:, :, :2], atol=1e-6)
