@@ -11,7 +11,10 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.sampling import FINEST
 
 ROWS, MOST = 1 << 23, 1 << 27
-"""Most pixels of all slots of a window: on a CPU where a window has several coarse intervals, and in any case."""
+"""Most pixels of all slots of a window: on a CPU where a window has several coarse intervals, and where time_tolerance
+alone asks for them."""
+INDEXED = (1 << 31) - 1
+"""Most in any case, for they are counted in int32."""
 
 ROUNDED = 1e-6
 """Halvings by which gaps of one rate may differ."""
@@ -81,7 +84,8 @@ def instants_of(gap_ns: int, coarse: int, tolerance_ns: float, pixels: int, look
     """
     wanted, least = _halvings(gap_ns, coarse, tolerance_ns, looks), looks.bit_length() - 1
     room = max(1, (ROWS if cpu else MOST) // max(pixels, 1))
-    depth = min(wanted, DEEPEST, max(least, int(math.log2(MOST // max(pixels, 1) + 1))))
+    fits = [int(math.log2(most // max(pixels, 1) + 1)) for most in (MOST, INDEXED)]
+    depth = min(wanted, DEEPEST, max(fits[0], min(least, fits[1])))
     per_window = max(1, min(coarse, room // max((1 << depth) - 1, 1)))
     # As many in each window as in any other.
     return Instants(coarse, depth, -(-coarse // -(-coarse // per_window)), depth == wanted)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from evis.gpu.building import LAUNCH_BLOCK
+from evis.runtime.clock import NS
 from evis.scene.model import WORLD, Light, Scene, Waveform
 from nodes.renderer.lights import light_kernels, place_kernels
 from nodes.renderer.raster.scene_arrays import store
@@ -125,13 +128,11 @@ class LightSet:
 def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
     """Gives the factor of a light's strength at an instant [ns]; 1 without a waveform.
 
-    The period is counted exactly, so that the phase is as good after days as at the start. It is the strength at that
-    instant, not a mean over an exposure.
+    It is the strength at that instant, not a mean over an exposure.
     """
     if waveform is None:
         return 1.0
-    cycles = Fraction(waveform.frequency) * t_ns / 1_000_000_000 + Fraction(waveform.phase)
-    phase = float(cycles % 1)
+    phase = waveform_phase(waveform, t_ns)
     if waveform.kind == "sine":
         return max(0.0, 1.0 + waveform.depth * float(np.sin(2 * np.pi * phase)))
     if phase < waveform.duty:
@@ -139,10 +140,27 @@ def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
     return 1.0 - waveform.depth
 
 
+def waveform_phase(waveform: Waveform, t_ns: int) -> float:
+    """Gives which part of its period a waveform is in at an instant [ns], 0 to 1.
+
+    It is counted exactly, so that it is as good after days as at the start.
+    """
+    per_ns, at_zero, whole = _whole_numbers(waveform)
+    return (per_ns * t_ns + at_zero) % whole / whole
+
+
+@lru_cache(maxsize=4096)
+def _whole_numbers(waveform: Waveform) -> tuple[int, int, int]:
+    """Gives whole numbers in which a waveform is counted: what passes of it in a ns, and up to 0, and its period."""
+    per_ns, at_zero = Fraction(waveform.frequency) / NS, Fraction(waveform.phase)
+    whole = math.lcm(per_ns.denominator, at_zero.denominator)
+    return int(per_ns * whole), int(at_zero * whole), whole
+
+
 def waveform_strengths(waveforms: Sequence[Waveform | None], t_ns: np.ndarray) -> np.ndarray:
     """Gives the factors of lights' strengths at instants int64 [n] ns, float64 [n, waveforms]."""
     instants, which = np.unique(t_ns, return_inverse=True)
-    each = np.array([[waveform_strength(w, int(t)) for w in waveforms] for t in instants])
+    each = np.array([[waveform_strength(w, t) for w in waveforms] for t in instants.tolist()])
     return each.reshape(len(instants), len(waveforms))[which.reshape(-1)]
 
 

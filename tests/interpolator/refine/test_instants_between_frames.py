@@ -32,6 +32,13 @@ def test_a_tolerance_out_of_reach_is_told():
     assert not instants_of(32_000_000, 8, 10_000, 64 * 1280 * 720, 4, True).reached
 
 
+def test_flashes_ask_for_no_more_instants_than_can_be_counted():
+    """Pixels at the instants of a coarse interval are numbered in int32, of all environments together."""
+    for pixels, reached in ((1280 * 720, True), (4 * 1280 * 720, False), (4096 * 346 * 260, False)):
+        made = instants_of(32_000_000, 8, 100_000, pixels, 1024, True)
+        assert made.slots * pixels < 1 << 31 and made.per_window == 1 and made.reached == reached
+
+
 def test_gaps_of_one_rate_are_divided_alike():
     """Their ends are rounded to nanoseconds, also where an instant more or less hangs on that."""
     stamps = [keyframe_stamp(k, 30.0) for k in range(4)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from evis.scene.sampling import FOLLOWED
 from nodes.interpolator.refine.light.flicker_kernels import Marks
 from nodes.interpolator.refine.samples.lists import SPARE
 from nodes.interpolator.refine.samples.request_kernels import PARTS, SHARP
-from nodes.renderer.lights.lights import waveform_strength, waveform_strengths
+from nodes.renderer.lights.lights import waveform_phase, waveform_strengths
 
 ROUNDED = 1e-6
 """Part by which gaps of one rate may differ, for their ends are rounded to nanoseconds."""
@@ -26,9 +25,10 @@ OF_SEVERAL = 0.25
 flicker."""
 PER_PERIOD = 32
 """Instants of a period of a sine that there are, of which those are taken that it takes."""
-PER_SWITCH = 4
+PER_SWITCH = 32
 """Instants that there are for each switch of a square wave, where there are others: what shows between two switches is
-looked at only if there is an instant between them."""
+looked at only if there is an instant between them. Lamps of four such waveforms (214 to 298 Hz) lose 0.2 % of their
+events with 32, 11 % with 4."""
 
 
 class Flicker:
@@ -143,12 +143,11 @@ def _per_period(waveform: Waveform) -> float:
 
 def _switches(waveform: Waveform, t: np.ndarray) -> dict[int, int]:
     """Finds the marks before and after each switch of a square wave within instants t, whose ends are none."""
-    strength = [waveform_strength(waveform, int(s)) for s in t]
+    strength = waveform_strengths([waveform], t)[:, 0]
     marks: dict[int, int] = {}
     for i in range(len(t) - 1):
         if strength[i] != strength[i + 1]:
-            cycles = Fraction(waveform.frequency) * int(t[i]) / NS + Fraction(waveform.phase)
-            phase = float(cycles % 1)
+            phase = waveform_phase(waveform, int(t[i]))
             ahead = (waveform.duty if phase < waveform.duty else 1.0) - phase
             part = int(ahead / waveform.frequency * NS / int(t[i + 1] - t[i]) * int(PARTS))
             part = min(max(part, int(SHARP)), int(PARTS) - int(SHARP))
@@ -165,7 +164,7 @@ def _bends(waveform: Waveform, t: np.ndarray, bend: float) -> dict[int, int]:
     Where it turns there is one in any case: lines that pass below its highest value and above its lowest make the swing
     smaller, and a threshold that is just reached there would not be.
     """
-    value = np.log(np.maximum([waveform_strength(waveform, int(s)) for s in t], LEAST_STRENGTH))
+    value = np.log(np.maximum(waveform_strengths([waveform], t)[:, 0], LEAST_STRENGTH))
     rises = np.diff(value)
     turns = {int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0.0)}
     marks: dict[int, int] = {}

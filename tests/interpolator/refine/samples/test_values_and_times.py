@@ -157,6 +157,30 @@ def test_a_sine_is_sampled_where_it_turns():
         np.testing.assert_allclose([course.min(), course.max()], alone[1][q] + [-swing, swing], rtol=0.003)
 
 
+@pytest.mark.parametrize("apart_ns", [60_000, 90_000, -70_000])
+def test_light_between_two_switches_that_follow_closely(apart_ns):
+    """One lamp goes on as another of the same strength goes off, or the other way around: a pixel has the light of both,
+    or of none, for `apart_ns` meanwhile, with samples 0.5 ms apart for what else there is. Closed form."""
+    rates, duty, depth = (250.0, 230.0), 0.5, 0.9
+    meet = START + 0.4 * GAP
+    phases = [-meet * 1e-9 * rates[0], 0.5 - (meet + apart_ns) * 1e-9 * rates[1]]
+    waves = [Waveform("square", rate, depth, phase, duty) for rate, phase in zip(rates, phases)]
+    lights = [replace(lamp(waveform=w), name=f"lamp{n}") for n, w in enumerate(waves)]
+    scene = world([(quad(9.0), plain(0.8), Prescribed(pose(z=3.0)))], lights=lights)
+    _, (pixels, ns, values) = refined(scene, 4, 500_000)
+    rest, alone = closed_form(scene, np.array([0])).pose[:, 0], []
+    for given in ([], [replace(lights[0], waveform=None)]):
+        bare = replace(scene, lights=given)
+        alone.append(luminance(Renderer(bare, bare.cameras[0]).render(rest)["radiance"]).reshape(-1))
+    sky, one = alone[0], alone[1] - alone[0]
+    strength = 2.0 * (1 + depth) if apart_ns > 0 else 2.0 * (1 - depth)
+    middle = 0.4 * GAP + apart_ns / 2
+    for q in np.unique(pixels)[::50]:
+        mine = pixels == q
+        found = np.interp(middle, ns[mine], np.log(values[mine]))
+        np.testing.assert_allclose(found, np.log(sky[q] + strength * one[q]), atol=0.02)
+
+
 def test_a_flash_of_ten_microseconds_is_seen():
     """A strobe's flash is a ten thousandth of its period, once in the gap: every pixel has its strength, 10,000 times
     the mean."""
