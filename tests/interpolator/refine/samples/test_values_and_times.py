@@ -159,8 +159,8 @@ def test_a_sine_is_sampled_where_it_turns():
 
 @pytest.mark.parametrize("apart_ns", [60_000, 90_000, -70_000])
 def test_light_between_two_switches_that_follow_closely(apart_ns):
-    """One lamp goes on as another of the same strength goes off, or the other way around: a pixel has the light of both,
-    or of none, for `apart_ns` meanwhile, with samples 0.5 ms apart for what else there is. Closed form."""
+    """One lamp goes on as another of the same strength goes off, or the other way around: a pixel has the light of
+    both, or of none, for `apart_ns` meanwhile, with samples 0.5 ms apart for what else there is. Closed form."""
     rates, duty, depth = (250.0, 230.0), 0.5, 0.9
     meet = START + 0.4 * GAP
     phases = [-meet * 1e-9 * rates[0], 0.5 - (meet + apart_ns) * 1e-9 * rates[1]]
