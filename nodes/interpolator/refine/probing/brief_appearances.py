@@ -33,14 +33,16 @@ LOOKS = 16
 class BriefForecast:
     """Holds how many z-buffers per coarse interval each environment needs for what is seen briefly in a gap.
 
-    visits int64 [E]: for what is in the image for a part of the gap alone. narrow int64 [E]: for what is narrower than
-    a pixel. Both are powers of two, twice as many as there are instants where those are too few. passing bool [E]:
+    visits int64 [E]: for what is in the image for a part of the gap alone. narrow, narrow_told int64 [E]: for what is
+    narrower than a pixel to go unseen as seldom as is wanted, and so seldom that it need not be told. All are powers of
+    two, twice as many as there are instants where those are too few. passing bool [E]:
     whether something passes the near plane before the image; swept bool [E]: so fast that instants show too little of
     it.
     """
 
     visits: np.ndarray
     narrow: np.ndarray
+    narrow_told: np.ndarray
     passing: np.ndarray
     swept: np.ndarray
 
@@ -62,15 +64,15 @@ class BriefAppearances:
         still = np.flatnonzero(~np.isin(geometry.body, movers))
         self._still = BodyBoxes(v, still) if self._camera >= 0 and len(still) else None
 
-    def needed(self, instants: Instants, poses: Poses, least: int, missed: float) -> BriefForecast:
+    def needed(self, instants: Instants, poses: Poses, least: int, missed: float, told: float) -> BriefForecast:
         """Computes how many z-buffers a gap needs, `least` per coarse interval at least.
 
-        poses: at all instants of the gap. missed: part of all pixels over which what is narrower than a pixel may go
-        unseen: it may be on none in all z-buffers that would tell how fast it is.
+        poses: at all instants of the gap. missed, told: part of all pixels over which what is narrower than a pixel may
+        go unseen, and may so without being told: it may be on none in all z-buffers that would tell how fast it is.
         """
         envs, most = poses.rest.shape[0], 1 << instants.depth
         if not (self._count or self._still) or self._sides is None:
-            return BriefForecast(*(np.full(envs, least) for _ in range(2)), *(np.zeros(envs, bool) for _ in range(2)))
+            return BriefForecast(*(np.full(envs, least) for _ in range(3)), *(np.zeros(envs, bool) for _ in range(2)))
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
         shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32, device="cpu")
@@ -90,10 +92,11 @@ class BriefAppearances:
         found = shortest.numpy()
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
-        enough = unseen.numpy() <= missed * self._size[0] * self._size[1]
-        narrow = np.where(enough.any(axis=1), least << enough.argmax(axis=1), 2 * most)
+        share = unseen.numpy() / (self._size[0] * self._size[1])
+        enough = [share <= part for part in (missed, told)]
+        narrow = [np.where(each.any(axis=1), least << each.argmax(axis=1), 2 * most) for each in enough]
         passes = passing.numpy()
-        return BriefForecast(np.where(found > 0, needed, 2 * most), narrow, passes > 0, passes == int(TOO_FAST))
+        return BriefForecast(np.where(found > 0, needed, 2 * most), *narrow, passes > 0, passes == int(TOO_FAST))
 
     def _follow_still(
         self, still: BodyBoxes, rest: np.ndarray, eyes: np.ndarray, view: list[Any], spacing: float, unseen: wp.array

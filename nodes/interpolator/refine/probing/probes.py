@@ -31,10 +31,14 @@ size has: each size has memory of its own."""
 ROOM = 1 << 25
 """Pixels of all these z-buffers of an environment, at most."""
 MISSED = 0.03
-"""How often something thin, or a swing of what is painted, may pass a pixel unseen in a gap, on the average."""
+"""How often something thin, or a swing of what is painted, may pass a pixel unseen in a gap, on the average, without
+being told."""
 MISSED_OF_ALL, OF_VISITS, FEW = 0.25, 0.1, 0.003
 """Part of what passes that may be unseen, and where something visits the image in between, unless that is few: so
 often a pixel, on the average."""
+AS_WANTED_NS = 300_000.0
+"""Tolerance of time from which on z-buffers are as many as MISSED, MISSED_OF_ALL, OF_VISITS and FEW ask for. With a
+closer one these are as many times less: what passes unseen is then most of what is lost."""
 TOLD_OF = 0.05
 """Part of what passes that may be unseen without being told where z-buffers are as close as they can be."""
 BRIEF = 2
@@ -51,7 +55,8 @@ class ProbeForecast:
     """Holds what is known of a gap's z-buffers before any is drawn.
 
     least, most: per coarse interval. begun [E]: how many are drawn at first. looked_at [E]: of the gap, those in which
-    it is found how many are needed. wanted [E]: how many brief appearances, narrow things and curved motion need.
+    it is found how many are needed. wanted [E]: how many brief appearances, narrow things and curved motion need for
+    nothing to be told.
     visits, passing bool [E]: whether something is in the image between two frames alone, and whether something passes
     the near plane; swept bool [E]: so fast that instants show too little of it. pairs: poses of all bodies then and a
     short time before, float64 [n E, N, 7], of the frames and, where it is found there, between them.
@@ -82,6 +87,7 @@ class Probes:
         self._threads, self._least = threads, least_of(layout.upsampling)
         # What there is in any case is drawn at once.
         self._first = layout.upsampling * (self._least - 1)
+        self._strict = min(tolerance_ns / AS_WANTED_NS, 1.0)
         self._drawers: dict[int, tuple[Visibility, Slots]] = {}
         """By how many z-buffers of each environment they draw at once; made when there is use for them."""
         v = self._v = self._drawer(self._first)[0]
@@ -133,10 +139,10 @@ class Probes:
         # what is in them needs.
         off = partial(self._curved_motion.needed, instants, poses, shortest, least, most)
         later = None if beside is None else beside.submit(off)
-        brief = self._appearances.needed(instants, poses, least, MISSED)
+        brief = self._appearances.needed(instants, poses, least, self._strict * MISSED, MISSED)
         curved = off() if later is None else later.result()
-        wanted = np.maximum(np.maximum(brief.visits, curved), brief.narrow)
-        begun = np.where(held, least, np.minimum(wanted, most))
+        wanted = np.maximum(np.maximum(brief.visits, curved), brief.narrow_told)
+        begun = np.where(held, least, np.minimum(np.maximum(wanted, brief.narrow), most))
         # Coarse frames tell, but for what is in the image between them alone, or is faster there than at them.
         looked_at = coarse * np.where(begun > least, begun, 1)
         length = 1 << instants.depth
@@ -219,9 +225,9 @@ class Probes:
             pair, frames = self._rigid.pair, self._rigid.visibility.packed
             what = [self._coarse, *given, self._rigid.pieces, pair.a.packed, frames, self.packed]
             wp.launch(count_single_appearances, (self._envs, *v.shape[1:]), what, [appearances], device=v.device)
-            asked = asked & (appearances.numpy() > limit)
-            self.unseen |= asked & (each >= ahead.most)
-            asked = asked & (each < ahead.most)
+            counted = appearances.numpy()
+            self.unseen |= asked & (counted > limit) & (each >= ahead.most)
+            asked = asked & (counted > self._strict * limit) & (each < ahead.most)
             drawn, each = int(each.max()), np.where(asked, 2 * each, each)
             if each.max() > drawn:
                 self._draw(instants, poses, drawn, int(each.max()))
@@ -267,9 +273,11 @@ class Probes:
         unseen, all_of_it, painted = found[:, :-2], found[:, -2:-1], found[:, -1:]
         of_all = np.where(ahead.visits, OF_VISITS, MISSED_OF_ALL)[:, None]
         once = pixels * ahead.looked_at[:, None]
-        enough = (unseen <= MISSED * once) & ((unseen <= of_all * all_of_it) | (unseen <= FEW * once))
-        at_most = (unseen[:, -1:] <= TOLD_OF * all_of_it) | (unseen[:, -1:] <= FEW * once)
-        self.unseen = ~(enough[:, -1:] & at_most & (painted <= MISSED * once))[:, 0] & ~held
+        relative = np.maximum(of_all * all_of_it, FEW * once)
+        allowed = np.minimum(MISSED * once, relative)
+        enough = unseen <= self._strict * allowed
+        told = np.minimum(allowed, np.maximum(TOLD_OF * all_of_it, FEW * once))
+        self.unseen = ~((unseen[:, -1:] <= told) & (painted <= MISSED * once))[:, 0] & ~held
         enough[:, -1] = True
         return np.maximum(ahead.least << enough.argmax(axis=1), ahead.begun)
 

@@ -36,12 +36,12 @@ def passing(width_px, speed_px, background=None, along_px=0.0, beside_px=0.0):
     return world([wall, (strip(width_px), plain(0.9), flight)])
 
 
-def gap_of(scene, envs=1, paths=None, threads=1):
-    """`Refined`, with 4 frames and a tolerance of 0.1 ms, after one gap; paths: of the last body, by environment."""
+def gap_of(scene, envs=1, paths=None, threads=1, tolerance_ns=50_000):
+    """`Refined`, with 4 frames, after one gap; paths: of the last body, by environment."""
     view = scene.cameras[0]
     keys = keyframes_of_gap(scene, envs, paths or ())
     rigid = Rigid(scene, view, envs, K, threads=threads, options=RigidOptions(single=True))
-    method = Refined(rigid, 50_000, threads)
+    method = Refined(rigid, tolerance_ns, threads)
     method.between(*keys, np.zeros(envs, bool), np.empty((envs, K, view.height, view.width), np.float32))
     return method
 
@@ -70,18 +70,19 @@ def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
 # In the middle of the gap the strip is at 47.8 + beside [px], by the camera's centre; at the coarse frames, a quarter
 # of the gap apart, as far from the next pixel, for it goes whole pixels in between.
 @pytest.mark.parametrize("beside", [0.0, 0.5, 0.75])
-@pytest.mark.parametrize(("speed", "wanted"), [(20, 64), (8, 32)])
-def test_as_many_as_what_is_on_no_pixel_is_wide(speed, wanted, beside):
+@pytest.mark.parametrize(("speed", "tolerance_ns", "wanted"), [(20, 150_000, 64), (20, 50_000, 128), (8, 50_000, 32)])
+def test_as_many_as_what_is_on_no_pixel_is_wide(speed, tolerance_ns, wanted, beside):
     """A strip of 0.3 px is more than half of that beside a pixel in each coarse frame: whether it is on one there says
     nothing. At 20 px per gap it is on each that it passes for a 67th of it: of 28 % of the image 32 z-buffers would
-    leave 52 % unseen, 64 leave 4 %; at 8 px of 11 % of it 16 would leave 40 %, 32 leave none. Up to 3 % of all pixels
-    may be. Every pixel that it passes has two samples for each of its edges."""
-    found = gap_of(passing(0.3, speed, beside_px=beside))
+    leave 52 % unseen, 64 leave 4 %, 128 none; at 8 px of 11 % of it 16 would leave 40 %, 32 leave none. Up to 3 % of
+    all pixels may be with a tolerance of 0.3 ms or more, 1.5 % with half of that, 0.5 % with a sixth. Every pixel that
+    it passes has two samples for each of its edges."""
+    found = gap_of(passing(0.3, speed, beside_px=beside), tolerance_ns=tolerance_ns)
     assert drawn(found) == [wanted]
     assert found.further is not None and found.further.offset.size == 4 * speed * HEIGHT
 
 
-@pytest.mark.parametrize(("speed", "wanted"), [(20, 64), (8, 32)])
+@pytest.mark.parametrize(("speed", "wanted"), [(20, 128), (8, 32)])
 def test_a_strip_on_no_pixel_counts_as_well_where_the_camera_moves(speed, wanted):
     """The same strip stands still, and the camera goes as far the other way, before a wall of one colour: nothing else
     is seen to move. On a body that could move it is the same."""
@@ -148,7 +149,8 @@ def test_the_steps_of_a_silhouette_are_no_slits(tilt):
     middle = -way * (START + GAP / 2) * 1e-9 + edge + np.array([0.0, 0.0, DEPTH])
     flight = Prescribed(np.concatenate([middle, turn]), [Linear(way)])
     scene = world([(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), (quad(half), plain(0.9), flight)])
-    assert drawn(gap_of(scene)) == [LEAST]
+    # With a closer tolerance the few pixels count that seem to be slits there.
+    assert drawn(gap_of(scene, tolerance_ns=300_000)) == [LEAST]
 
 
 def test_a_small_thing_counts_although_the_image_hardly_changes():
