@@ -50,6 +50,9 @@ class Assets(Resolver):  # type: ignore[misc]
 
     def _there(self, name: str) -> Path:
         path = self.find(name)
+        if path is None and name in self.buffers:
+            told = f"names {name} for its numbers, which is not there; keep that file beside it"
+            raise SceneError(f"{self.path.name} {told}")
         if path is None:
             told = f"names {name}, which is not there"
             self.absent += [] if told in self.absent else [told]

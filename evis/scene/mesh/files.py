@@ -18,6 +18,7 @@ from evis.scene.folders import Folders
 from evis.scene.images.colour import linear_from_srgb
 from evis.scene.mesh import gltf_header
 from evis.scene.mesh.gltf_plain import plain
+from evis.scene.mesh.gltf_primitives import left_out
 from evis.scene.mesh.materials import absent_pictures, is_stand_in, layout, read_material, see_through
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.mesh.ply_faces import cut_faces
@@ -90,7 +91,8 @@ def load_parts(
     if path.suffix.lower() not in SUFFIXES:
         raise SceneError(f"{path.name} is of no kind that can be read; there are {', '.join(SUFFIXES)}")
     assets = Assets(note(path), folders or Folders(path.parent))
-    scene, nodes, exact, stored = _read(path, assets, textures)
+    scene, nodes, tree, stored = _read(path, assets, textures)
+    exact = tree.get("materials", [])
     turn = _upright(path, y_up)
     known: dict[int, Material | None] = {}
     parts = []
@@ -117,17 +119,17 @@ def load_parts(
         raise SceneError(f"{path.name} has no triangles")
     if all(is_flat(part.mesh) for part in parts):
         raise SceneError(f"{path.name} has no triangle with an area: the corners of each are in one line or one place")
-    lacks = tuple(assets.absent or absent_pictures(exact, scene))
+    lacks = (*(assets.absent or absent_pictures(exact, scene)), *left_out(tree, textures))
     return [replace(part, lacks=lacks) for part in parts] if lacks else parts
 
 
 def _read(path: Path, assets: Assets, textures: bool) -> tuple[Any, list[tuple[Any, Any, str]], Any, Any]:
-    """Reads a file by trimesh: its scene, (transform, geometry, name) of its nodes, its materials as the file has them,
-    and the colours of vertices by name. Raises SceneError naming the file."""
+    """Reads a file by trimesh: its scene, (transform, geometry, name) of its nodes, the JSON of a glTF as the file has
+    it, and the colours of vertices by name. Raises SceneError naming the file."""
     import trimesh
 
     try:
-        content, kind, exact = _content(path, assets)
+        content, kind, tree = _content(path, assets)
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, resolver=assets)
         # Sorted, for the ids of a scene must not depend on the process that loads it.
         places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
@@ -141,7 +143,7 @@ def _read(path: Path, assets: Assets, textures: bool) -> tuple[Any, list[tuple[A
     finally:
         if assets.refusals:
             raise assets.refusals[0] from None
-    return scene, nodes, exact, stored
+    return scene, nodes, tree, stored
 
 
 def _upright(path: Path, y_up: bool | None) -> np.ndarray:
@@ -190,20 +192,20 @@ def _kind(geometry: Any) -> str | None:
     return getattr(getattr(geometry, "visual", None), "kind", None)
 
 
-def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]:
-    """What trimesh reads of a file, of which kind that is, and the materials of a glTF as its JSON has them."""
+def _content(path: Path, assets: Any) -> tuple[bytes, str, dict[str, Any]]:
+    """What trimesh reads of a file, of which kind that is, and the JSON of a glTF."""
     kind = path.suffix.lower()[1:]
     if path.suffix.lower() in Y_UP:
         tree, binary = gltf_header.read_header(path)
         assets.buffers = gltf_header.buffer_names(tree)
         buffers = gltf_header.buffers_of(tree, binary, assets.get)
         gltf_header.check_header(tree, buffers, path.stat().st_size)
-        return plain(tree, buffers), "glb", tree.get("materials", [])
+        return plain(tree, buffers), "glb", tree
     content = path.read_bytes()
     if kind == "ply":
         content = cut_faces(_colours_named(content))
     if _binary(content, kind):
-        return content, kind, []
+        return content, kind, {}
     if kind == "stl" and b"facet" not in content[:4096].lower():
         count = int.from_bytes(content[80:84], "little")
         raise ValueError(f"it has {len(content)} bytes, where {count} triangles have {84 + 50 * count}")
@@ -217,7 +219,7 @@ def _content(path: Path, assets: Any) -> tuple[bytes, str, list[dict[str, Any]]]
         content = cut_polygons(laid_throughout(without_mixed_normals(absolute(content))))
         if assets.libraries:
             content = f"mtllib {LIBRARIES}\n".encode() + content
-    return content, kind, []
+    return content, kind, {}
 
 
 def _check_facets(content: bytes) -> None:

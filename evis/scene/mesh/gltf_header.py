@@ -12,6 +12,7 @@ from evis.files.allowance import Allowance
 from evis.files.json_text import parsed
 from evis.scene.errors import SceneError
 from evis.scene.images.pictures import check_picture
+from evis.scene.mesh.gltf_primitives import check_primitives
 from evis.scene.mesh.gltf_structure import check_extents, check_names
 
 SUFFIXES = (".gltf", ".glb")
@@ -56,7 +57,7 @@ def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
     numbers in a few bytes of JSON can name the same bytes many times. Raises SceneError, AllowanceError (whose texts
     the caller puts the name before), or whatever else a damaged file leads to.
     """
-    check_names(tree)
+    check_names(tree, _PARTS)
     views = tree.get("bufferViews", [])
     allowance = Allowance(size + sum(map(len, buffers)))
     for view in views:
@@ -78,6 +79,7 @@ def check_header(tree: dict[str, Any], buffers: list[bytes], size: int) -> None:
             allowance.take(meshes[nodes[number]["mesh"]])
     for one in meshes:
         allowance.take(one)
+    check_primitives(tree)
     check_extents(tree, buffers, _PARTS)
     for number, image in enumerate(tree.get("images", [])):
         if "bufferView" in image:

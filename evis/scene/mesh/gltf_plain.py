@@ -70,13 +70,19 @@ def base_texture(material: dict[str, Any]) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
+def texture_set(texture: dict[str, Any]) -> int:
+    """Returns the number of the texture coordinates by which a texture lies."""
+    change = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    return int(change.get("texCoord", texture.get("texCoord", 0)))
+
+
 def _lay(tree: dict[str, Any], primitive: dict[str, Any], new: _Numbers) -> None:
     """Make the first texture coordinates those by which the base colour's texture lies."""
     if "material" not in primitive:
         return
     texture = base_texture(tree["materials"][primitive["material"]])
     change = texture.get("extensions", {}).get("KHR_texture_transform", {})
-    which = change.get("texCoord", texture.get("texCoord", 0))
+    which = texture_set(texture)
     attributes = primitive["attributes"]
     found = attributes.get(f"TEXCOORD_{which}")
     if which:

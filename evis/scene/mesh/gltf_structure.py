@@ -11,18 +11,27 @@ from evis.scene.errors import SceneError
 
 _COMPONENT = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of one number."""
-_KINDS = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes", "scenes")
+_KINDS = (
+    "accessors", "bufferViews", "buffers", "images", "materials", "meshes", "nodes", "scenes", "textures",
+)  # fmt: skip
 _READ = ("KHR_materials_", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_texture_webp")
 """Beginnings of extensions that a file may ask for: what they say is read, or what a picture may do without."""
 _TRANSFORMS = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
+_VERSION = "2."
+_LAST_ROW, ROUNDED = ((3, 0.0), (7, 0.0), (11, 0.0), (15, 1.0)), 1e-6
+"""Where a matrix, column by column, has its last row, and what that is; by how much programs round it."""
 
 
-def check_names(tree: dict[str, Any]) -> None:
+def check_names(tree: dict[str, Any], parts: dict[str, int]) -> None:
     """Refuses a file of which an entry names another that is not there, or of which nodes are no trees.
 
-    Also one that needs an extension which is not read, or has a node whose transform is not of finite numbers. Raises
-    SceneError, whose text the caller puts the name before.
+    Also one of another version, that needs an extension which is not read, or has a node whose transform is none, or
+    accessors of numbers that the format has not. parts: of the types of accessors. Raises SceneError, whose text the
+    caller puts the name before.
     """
+    version = str(tree.get("asset", {}).get("version", _VERSION))
+    if not version.startswith(_VERSION):
+        raise SceneError(f"is of glTF {version:.20}, and only glTF 2 is read; export it as that")
     for name in tree.get("extensionsRequired", []):
         if not str(name).startswith(_READ):
             raise SceneError(f"needs the extension {name!s:.60}, which is not read; export it without")
@@ -36,6 +45,10 @@ def check_names(tree: dict[str, Any]) -> None:
             raise SceneError(
                 f"{who} names number {number!r:.40} of its {kind}, of which there are {there}; write it anew"
             )
+    for k, accessor in enumerate(tree.get("accessors", [])):
+        if accessor["componentType"] not in _COMPONENT or accessor["type"] not in parts:
+            told = f"component type {accessor['componentType']!s:.20} and type {accessor['type']!s:.20}"
+            raise SceneError(f"its accessor {k} has {told}, which glTF 2 has not; write it anew")
     _check_ways(tree.get("nodes", []))
     scenes = tree.get("scenes", [])
     shown = scenes[tree.get("scene", 0)].get("nodes", []) if scenes else []
@@ -99,6 +112,15 @@ def _check_transform(number: int, node: dict[str, Any]) -> None:
         known = isinstance(values, list) and len(values) == count
         if not known or not all(type(value) in (int, float) and math.isfinite(value) for value in values):
             raise SceneError(f"its node {number} has a {key} that is not of {count} finite numbers; write it anew")
+    matrix = node.get("matrix")
+    if matrix is not None:
+        if beside := [key for key in _TRANSFORMS if key in node and key != "matrix"]:
+            told = f"a matrix and a {beside[0]} beside it, of which a node may have one"
+            raise SceneError(f"its node {number} has {told}; write it anew")
+        if any(abs(matrix[k] - value) > ROUNDED for k, value in _LAST_ROW):
+            raise SceneError(f"its node {number} has a matrix whose last row is not 0 0 0 1; write it anew")
+    if not any(node.get("rotation", [1.0])):
+        raise SceneError(f"its node {number} has a rotation of 0 0 0 0, which is none; write it anew")
 
 
 def _names(tree: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
@@ -107,6 +129,7 @@ def _names(tree: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
         yield "it", "scenes", tree["scene"]
     for kind, key, named in (
         ("bufferViews", "buffer", "buffers"), ("accessors", "bufferView", "bufferViews"), ("nodes", "mesh", "meshes"),
+        ("images", "bufferView", "bufferViews"), ("textures", "source", "images"),
     ):  # fmt: skip
         for k, entry in enumerate(tree.get(kind, [])):
             if key in entry:
@@ -124,3 +147,11 @@ def _names(tree: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
                 yield f"its mesh {k}", "accessors", number
             if "material" in primitive:
                 yield f"its mesh {k}", "materials", primitive["material"]
+    for k, material in enumerate(tree.get("materials", [])):
+        for texture in (*material.values(), *_maps(material.get("pbrMetallicRoughness"))):
+            if isinstance(texture, dict) and "index" in texture:
+                yield f"its material {k}", "textures", texture["index"]
+
+
+def _maps(entry: Any) -> list[Any]:
+    return list(entry.values()) if isinstance(entry, dict) else []
