@@ -72,7 +72,8 @@ class BriefAppearances:
         """
         envs, most = poses.rest.shape[0], 1 << instants.depth
         if not (self._count or self._still) or self._sides is None:
-            return BriefForecast(*(np.full(envs, least) for _ in range(3)), *(np.zeros(envs, bool) for _ in range(2)))
+            none, never = np.full(envs, least), np.zeros(envs, bool)
+            return BriefForecast(none, none, none, never, never)
         sides = self._sides
         deep = DEEP * min(sides[1] - sides[0], sides[3] - sides[2])
         shortest: wp.array = wp.full(envs, instants.count, dtype=wp.int32, device="cpu")
@@ -93,10 +94,13 @@ class BriefAppearances:
         apart = np.maximum(found // TWICE, 1)
         needed = np.clip(most >> np.floor(np.log2(apart)).astype(np.int64), least, None)
         share = unseen.numpy() / (self._size[0] * self._size[1])
-        enough = [share <= part for part in (missed, told)]
-        narrow = [np.where(each.any(axis=1), least << each.argmax(axis=1), 2 * most) for each in enough]
+        narrow, narrow_told = (
+            np.where(enough.any(axis=1), least << enough.argmax(axis=1), 2 * most)
+            for enough in (share <= missed, share <= told)
+        )
         passes = passing.numpy()
-        return BriefForecast(np.where(found > 0, needed, 2 * most), *narrow, passes > 0, passes == int(TOO_FAST))
+        visits = np.where(found > 0, needed, 2 * most)
+        return BriefForecast(visits, narrow, narrow_told, passes > 0, passes == int(TOO_FAST))
 
     def _follow_still(
         self, still: BodyBoxes, rest: np.ndarray, eyes: np.ndarray, view: list[Any], spacing: float, unseen: wp.array
