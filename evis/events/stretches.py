@@ -16,16 +16,17 @@ _EARLIEST, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 class Stretches:
     """Gives events times that go on where those of a stream begin anew.
 
-    step_ns: by how much times go back at least where they do. `begun_anew`: how often they did.
+    step_ns: by how much times go back at least where they do. `begun_anew`: how often they did. `shift_ns`: by how much
+    later than they are stored the times of the present stretch are given.
     """
 
     def __init__(self, step_ns: int = STEP_BACK_NS) -> None:
         self._step = step_ns
         self._before: int | None = None
         """Time of the last event, as stored."""
-        self._latest = self._shift = 0
-        """The latest time that was given, and by how much later than stored times are given now."""
-        self.begun_anew = 0
+        self._latest = 0
+        """The latest time that was given."""
+        self.begun_anew = self.shift_ns = 0
 
     def parts(self, t: np.ndarray) -> Iterator[tuple[slice, np.ndarray, bool]]:
         """Yields the parts of a block that lie in one stretch each: which events, their times, whether they begin it.
@@ -46,11 +47,11 @@ class Stretches:
             shift = self._latest - int(part[0])
             anew = start in beginnings and shift <= _LATEST  # what has no room stays where it is
             if anew:
-                self._shift = shift
+                self.shift_ns = shift
                 self.begun_anew += 1
             yield slice(start, end), self._moved(part), anew
 
     def _moved(self, t: np.ndarray) -> np.ndarray:
-        moved = np.minimum(t, _LATEST - self._shift) + self._shift if self._shift else t
+        moved = np.minimum(t, _LATEST - self.shift_ns) + self.shift_ns if self.shift_ns else t
         self._latest = max(self._latest, int(moved.max()))
         return moved
