@@ -99,3 +99,23 @@ def test_a_torn_bag_says_so(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     rec = evis.open(path)
     assert rec.counts.events == 10 and rec.info.truncated and "torn" in rec.info.warnings[-1]
+
+
+@pytest.mark.parametrize("lengths", [(500, 500), (500, 120, 300), (300, 100)])
+def test_the_durations_of_episodes_add_up(tmp_path: Path, lengths: tuple[int, ...]) -> None:
+    """The last one ends earlier than the first: from its first event to its last a recording had too little time, or
+    less than none."""
+    begin, k = 150 * STEP // 10, 0
+    with BagWriter(tmp_path / "run.mcap") as writer:
+        for episode, length in enumerate(lengths):
+            start = 0 if episode else begin
+            for at in (0, length // 2, length):
+                k += 1
+                t, one = np.array([start + at * STEP // 10]), np.ones(1, np.uint16)
+                columns = {"t": t, "x": one, "y": one, "p": one.astype(np.uint8)}
+                header = Header(int(t[0]) + 1, k, episode=episode)
+                writer.write("/cam0/events", EventPacket(header, np.array([0, 1]), **columns, width=32, height=24))
+    recording = evis.open(tmp_path / "run.mcap")
+    assert recording.counts.events == 3 * len(lengths)
+    assert recording.duration_ns == recording.counts.duration_ns == sum(lengths) * STEP // 10
+    assert (recording.start_ns, recording.end_ns) == (begin, lengths[-1] * STEP // 10)
