@@ -208,8 +208,9 @@ class Recorded:
         with self._opened() as recording:
             if self._start is not None:
                 recording.seek(self._start)
+            stretches = Stretches()
             for block in recording.blocks():
-                ended = False
+                ended, block = False, self._without_earlier(block, stretches)
                 late = block.t >= self._stop if self._stop is not None else np.zeros(0, bool)
                 if late.any():
                     ended, events = True, block[: int(np.argmax(late))]
@@ -223,6 +224,17 @@ class Recorded:
             for text in recording.info.warnings:
                 self.info.warn(text)
             self.info.truncated = self.info.truncated or recording.info.truncated
+
+    def _without_earlier(self, block: Events, stretches: Stretches) -> Events:
+        """Leaves out what is before the start of the slice where times have begun anew: the way to the start is not
+        skipped there. Events that are out of order stay."""
+        if self._start is None:
+            return block
+        kept = np.ones(len(block), bool)
+        for part, _, _ in stretches.parts(block.t):
+            if stretches.begun_anew:
+                kept[part] = block.t[part] >= self._start
+        return block if kept.all() else block[kept].beside(block)
 
     # -- other topics of a bag ---------------------------------------------------------------------------------------
 

@@ -119,3 +119,20 @@ def test_the_durations_of_episodes_add_up(tmp_path: Path, lengths: tuple[int, ..
     assert recording.counts.events == 3 * len(lengths)
     assert recording.duration_ns == recording.counts.duration_ns == sum(lengths) * STEP // 10
     assert (recording.start_ns, recording.end_ns) == (begin, lengths[-1] * STEP // 10)
+
+
+def test_a_slice_without_an_end_has_its_part_of_every_episode(tmp_path: Path) -> None:
+    """Not what later episodes have before its start; what is out of order by less than an episode is stays."""
+    with BagWriter(tmp_path / "run.mcap") as writer:
+        for k in range(1, 61):
+            episode, i = divmod(k - 1, 20)
+            t = i * STEP + np.array([0, 2000, 1000])
+            columns = {"t": t, "x": np.zeros(3, np.uint16), "y": np.zeros(3, np.uint16), "p": np.ones(3, np.uint8)}
+            header = Header((i + 1) * STEP, k, episode=episode)
+            writer.write("/cam0/events", EventPacket(header, np.array([0, 3]), **columns, width=32, height=24))
+    begin = 15 * STEP + 1500
+    t = evis.open(tmp_path / "run.mcap")[begin:].numpy()["t"]
+    whole = np.concatenate([i * STEP + np.array([0, 2000, 1000]) for i in range(16, 20)])
+    # The first episode is read from its first event on that is not earlier, in the order of the file.
+    expected = [[15 * STEP + 2000, 15 * STEP + 1000], whole, [15 * STEP + 2000], whole, [15 * STEP + 2000], whole]
+    assert t.tolist() == np.concatenate(expected).tolist()
