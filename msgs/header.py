@@ -12,7 +12,8 @@ from msgs.fields import MessageError, array_specs, check_arrays, plain_fields
 class Header:
     """Says what time and which stream a message belongs to.
 
-    stamp_ns: physical time the data is about [ns]. seq: counts up by one per topic and publisher; a gap is a loss.
+    stamp_ns: physical time the data is about [ns]. seq: counts up by one per topic and publisher; a gap is a loss
+    (`missed_between`).
     clock: the time domain (`sim`, `wall`, `device:<serial>`). episode: goes up at each reset; no node carries state
     across it.
     """
@@ -26,6 +27,14 @@ class Header:
     def instant(self) -> tuple[int, int]:
         """Gives the episode and the stamp [ns], in whose order the messages of a topic come."""
         return self.episode, self.stamp_ns
+
+
+def missed_between(before: int, seq: int) -> int:
+    """Counts the messages of a topic that did not come between two that did, by their numbers.
+
+    A number below the one before is of a publisher that was started again, which numbers its messages from 0.
+    """
+    return seq if seq < before else max(0, seq - before - 1)
 
 
 class Message:

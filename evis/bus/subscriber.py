@@ -22,7 +22,7 @@ from evis.bus.pipes import MessageInbox, Outlet
 from evis.bus.tap import queue_length, together
 from msgs.codec import attach, decode_header
 from msgs.fields import MessageError, TypeMismatch
-from msgs.header import Message
+from msgs.header import Message, missed_between
 
 TAP_QUEUE = 64
 """Messages that wait in a tap's socket while nobody reads it: far more than it may lag behind, for libzmq 4.3.5 aborts
@@ -330,8 +330,8 @@ class Subscriber:
         return self._reader.attach(head, slot, frames)
 
     def _count(self, seq: int) -> None:
-        if self._next_seq is not None and seq > self._next_seq:
-            self.lost += seq - self._next_seq
+        if self._next_seq is not None:
+            self.lost += missed_between(self._next_seq - 1, seq)
 
     def reply(self, op: bytes, seq: int) -> None:
         """Tells the publisher what happened to a message; called by a lease."""

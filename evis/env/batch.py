@@ -40,6 +40,15 @@ _KEPT = ("steps", "_seeds", "_episodes", "_begun", "_actions", "_seen")
 """What a batch goes on from besides its simulation, its observations and its task."""
 
 
+class NotCopied:
+    """Refuses to be copied or pickled, as what has a simulation must: a copy would step that of the first one."""
+
+    def __reduce__(self) -> Never:
+        raise SimulationError(
+            "an environment cannot be copied or pickled; make one where it is needed, by gymnasium.make"
+        )
+
+
 class Outcome(NamedTuple):
     """Holds what a step gave, each with axis E: as Gymnasium's `step` returns it."""
 
@@ -50,7 +59,7 @@ class Outcome(NamedTuple):
     info: dict[str, np.ndarray]
 
 
-class Batch:
+class Batch(NotCopied):
     """Holds a task's simulation of E environments, with what is observed of it and how it is acted on."""
 
     def __init__(
@@ -254,6 +263,7 @@ class Batch:
             raise
 
     def _check_going(self) -> None:
+        self.simulation.check_open()
         if self._broken:
             raise ValueError(f"a step or reset was left in the middle ({self._broken}){AGAIN}")
 
@@ -316,8 +326,3 @@ class Batch:
     def close(self) -> None:
         """Ends the simulation."""
         self.simulation.close()
-
-    def __reduce__(self) -> Never:
-        raise SimulationError(
-            "an environment cannot be copied or pickled; make one where it is needed, by gymnasium.make"
-        )

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from evis.client.resets import seeds_of
-from evis.env.batch import Batch
+from evis.env.batch import Batch, NotCopied
 from evis.env.observation import row
 from evis.env.picture import RENDER_MODE, is_drawn
 from evis.env.saved import BatchState
@@ -16,7 +16,7 @@ from evis.env.task import Task
 from evis.simulation.simulation import Simulation
 
 
-class EventEnv(gymnasium.Env):
+class EventEnv(NotCopied, gymnasium.Env):
     """Steps a simulation with an event camera, a keyframe at a time."""
 
     metadata: dict[str, Any] = {"render_modes": [RENDER_MODE]}

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from evis.client.resets import seeds_of
-from evis.env.batch import Batch
+from evis.env.batch import Batch, NotCopied
 from evis.env.observation import Observed, row
 from evis.env.picture import RENDER_MODE, is_drawn
 from evis.env.saved import BatchState
@@ -28,7 +28,7 @@ class VectorState:
     ended: np.ndarray
 
 
-class EventVectorEnv(VectorEnv):
+class EventVectorEnv(NotCopied, VectorEnv):
     """Steps E environments together; those that end are put back to their start alone.
 
     autoreset_mode: SAME_STEP: the step that ends an episode returns the observation of the next one's start, and the

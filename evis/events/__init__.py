@@ -5,7 +5,7 @@
 1. `recording.py` opens a recording, whose content decides which reader of `files/` reads it, and creates files.
 2. Readers decode a sensor's words with `codecs/`, as cameras' drivers do; writers encode them.
 3. `filters/` leaves out events, `representations/` makes images for a network of them, `measure/` measures them;
-   `time_histogram.py` counts them over time.
+   `time_histogram.py` counts them over time, `stretches.py` lays episodes one behind the other for that.
 
 `pixel_limit.py` limits the memory that a file's header can claim.
 """

@@ -16,6 +16,7 @@ from evis.bag import BagError
 from evis.bag.environments import of_one
 from evis.events.arrays import Events
 from evis.events.recording import Recording, RecordingError, RecordingInfo, open_recording
+from evis.events.stretches import Stretches
 from evis.recordings.whole_ns import whole_ns
 from evis.recordings.windows import EventWindow, by_count, by_time, check_length, columns
 
@@ -30,6 +31,7 @@ _MCAP = b"\x89MCAP"
 class Counts:
     """Counts what a recording holds. start_ns, end_ns: first and last event in file order, None without events.
 
+    duration_ns: from the one to the other; where times begin anew, as with episodes of a bag, those of all stretches.
     dropped: what the reader left out, by reason.
     """
 
@@ -41,6 +43,7 @@ class Counts:
     frames: int = 0
     start_ns: int | None = None
     end_ns: int | None = None
+    duration_ns: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
 
 
@@ -83,17 +86,21 @@ class Recorded:
         """Counts events, triggers, inertial samples and frames, in one pass over the file."""
         found: dict[str, int] = dict.fromkeys(("events", "on", "triggers", "imu", "frames"), 0)
         first = last = None
+        duration, stretches = 0, Stretches()
         dropped: dict[str, int] = {}
         for block in self._blocks(dropped):
             if len(block):
                 first = int(block.t[0]) if first is None else first
                 last = int(block.t[-1])
+            for _, t, _ in stretches.parts(block.t):
+                duration = int(t[-1]) - (first or 0)
             found["events"] += len(block)
             found["on"] += int(block.p.sum(dtype=int))
             found["triggers"] += len(block.triggers)
             found["imu"] += len(block.imu)
             found["frames"] += len(block.frames)
-        return Counts(**found, off=found["events"] - found["on"], start_ns=first, end_ns=last, dropped=dropped)
+        off = found["events"] - found["on"]
+        return Counts(**found, off=off, start_ns=first, end_ns=last, duration_ns=duration, dropped=dropped)
 
     @property
     def start_ns(self) -> int | None:
@@ -107,9 +114,9 @@ class Recorded:
 
     @property
     def duration_ns(self) -> int:
-        """Returns the time [ns] from the first event to the last; from `counts`."""
-        start, end = self.counts.start_ns, self.counts.end_ns
-        return 0 if start is None or end is None else end - start
+        """Returns the time [ns] from the first event to the last, in each stretch of its own where times begin anew, as
+        with episodes of a bag; from `counts`."""
+        return self.counts.duration_ns
 
     @cached_property
     def topics(self) -> dict[str, str]:
@@ -201,8 +208,9 @@ class Recorded:
         with self._opened() as recording:
             if self._start is not None:
                 recording.seek(self._start)
+            stretches = Stretches()
             for block in recording.blocks():
-                ended = False
+                ended, block = False, self._without_earlier(block, stretches)
                 late = block.t >= self._stop if self._stop is not None else np.zeros(0, bool)
                 if late.any():
                     ended, events = True, block[: int(np.argmax(late))]
@@ -216,6 +224,17 @@ class Recorded:
             for text in recording.info.warnings:
                 self.info.warn(text)
             self.info.truncated = self.info.truncated or recording.info.truncated
+
+    def _without_earlier(self, block: Events, stretches: Stretches) -> Events:
+        """Leaves out what is before the start of the slice where times have begun anew: the way to the start is not
+        skipped there. Events that are out of order stay."""
+        if self._start is None:
+            return block
+        kept = np.ones(len(block), bool)
+        for part, _, _ in stretches.parts(block.t):
+            if stretches.begun_anew:
+                kept[part] = block.t[part] >= self._start
+        return block if kept.all() else block[kept].beside(block)
 
     # -- other topics of a bag ---------------------------------------------------------------------------------------
 

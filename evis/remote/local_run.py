@@ -22,7 +22,7 @@ from evis.runtime.telemetry import TAP_HZ as SYSTEM_TAP_HZ
 from evis.supervisor.run_directory import RunDirectory
 from msgs.codec import Buffer
 from msgs.diagnostics import Diagnostics
-from msgs.header import Header, Message
+from msgs.header import Header, Message, missed_between
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 _LINGER_MS = 1000
@@ -57,8 +57,9 @@ class LocalTap:
     def count(self, number: int, seq: int, every: bool) -> None:
         """Counts what is missing before a message: of a server that reads every one, by the topic's own numbers."""
         if self._last is not None:
-            by_number, by_seq, both = number - self._last[0] - 1, seq - self._last[1] - 1, every and self._last[2]
-            self.lost += max(0, by_seq if both else by_number)
+            number_before, seq_before, all_before = self._last
+            by_seq = every and all_before
+            self.lost += missed_between(seq_before, seq) if by_seq else max(0, number - number_before - 1)
         self._last = number, seq, every
 
     def rest(self) -> None:

@@ -162,7 +162,7 @@ class Simulation:
 
         Returns the step at keyframe 0, or, of some environments, at the present stamp. Raises SimulationError.
         """
-        self._check_open()
+        self.check_open()
         chosen, seeds = self._named(envs, seed)
         if len(chosen) < self.envs:
             return self._reset_some(chosen, seeds)
@@ -307,7 +307,7 @@ class Simulation:
         same seed gives the same bytes the bag holds what the steps gave. It takes as long as the run took. An older bag
         of that name is kept, as `evis launch` keeps it. Raises SimulationError.
         """
-        self._check_open()
+        self.check_open()
         if not isinstance(bag, str | Path) or not str(bag):
             raise SimulationError(f"save takes the path of a bag, as 'run.mcap', not {bag!r:.60}")
         done = self._run
@@ -341,7 +341,7 @@ class Simulation:
         One keyframe is rendered for that. Physics that cannot be copied takes the steps up to there again.
         Raises SimulationError for the state of another simulation; nothing has happened then.
         """
-        self._check_open()
+        self.check_open()
         if not isinstance(state, SimulationState):
             raise SimulationError(f"restore takes what sim.state() gave, not {state!r:.60}")
         graph = self._graph_of(state._seed)
@@ -370,7 +370,7 @@ class Simulation:
         A notebook shows it for a Simulation by itself. Without events among the outputs it is the light alone. Raises
         SimulationError for a graph without a renderer.
         """
-        self._check_open()
+        self.check_open()
         last, poses = self._run.last, self._run.poses
         if last is None or self._run.k < 0:
             raise SimulationError("nothing has run yet; reset() first")
@@ -430,7 +430,8 @@ class Simulation:
         if not found:
             raise SimulationError(f"there is no environment {env!r:.60}; {environments_there(self.envs)}")
 
-    def _check_open(self) -> None:
+    def check_open(self) -> None:
+        """Raises SimulationError where it was closed, or belongs to the process that this one was forked from."""
         if self._closed:
             raise SimulationError("the simulation is closed; make another one")
         if os.getpid() != self._process:
@@ -440,7 +441,7 @@ class Simulation:
             )
 
     def _check_usable(self) -> None:
-        self._check_open()
+        self.check_open()
         if self._run.broken:
             raise SimulationError(f"the simulation has stopped ({self._run.broken}){AGAIN}")
 

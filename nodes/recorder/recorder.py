@@ -10,7 +10,7 @@ from evis.bag.selection import preview_sources, select
 from evis.bag.writer import BagWriter, describe_run
 from evis.runtime.plan import Plan
 from msgs.camera import Keyframe
-from msgs.header import Header, Message
+from msgs.header import Header, Message, missed_between
 from msgs.topics import SYSTEM_TOPICS
 from nodes.recorder.outcome import Outcome
 from nodes.recorder.preview import PreviewMaker
@@ -91,8 +91,8 @@ class Recorder:
     def count_missed(self, topic: str, header: Header) -> None:
         """Counts the messages missed before this one, of a topic whose messages are all given, in their order."""
         seq = header.seq
-        missed = seq - self._seen.get(topic, seq) - 1
-        if missed > 0 and topic not in SYSTEM_TOPICS:
+        missed = missed_between(self._seen.get(topic, seq), seq)
+        if missed and topic not in SYSTEM_TOPICS:
             self._lost[topic] += missed
             self.counters["lost"] += missed
         self._seen[topic] = seq

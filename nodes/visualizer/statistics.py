@@ -11,7 +11,7 @@ from typing import Any
 
 from msgs.camera import EventPacket
 from msgs.diagnostics import Diagnostics
-from msgs.header import Message
+from msgs.header import Message, missed_between
 from msgs.world import Clock
 
 WINDOW_S = 2.0
@@ -115,8 +115,8 @@ class Statistics:
     def _count(self, now: float, topic: str, message: Message) -> None:
         tapped = self._tapped.setdefault(topic, _Tapped())
         header = message.header
-        if tapped.seq >= 0 and header.seq > tapped.seq + 1:
-            tapped.skipped += header.seq - tapped.seq - 1
+        if tapped.seq >= 0:
+            tapped.skipped += missed_between(tapped.seq, header.seq)
         tapped.seq, tapped.episode, tapped.stamp_ns = header.seq, header.episode, header.stamp_ns
         tapped.messages += 1
         if topic not in self._latched:

@@ -23,7 +23,7 @@ from bus_workers import (
     wait_for,
 )
 
-from evis.bus import BusError, PeerLost, wire
+from evis.bus import END, BusError, PeerLost, wire
 from evis.supervisor.silence import SILENCE_S
 from msgs.camera import Depth
 from msgs.header import Header
@@ -86,6 +86,41 @@ def test_a_tap_that_is_not_read_for_long_is_read_again(context, endpoints, child
     wait_for(lambda: (send(), reader.pipe.poll())[1])
     assert reader.hear() is True
     publisher.close()
+
+
+@pytest.mark.parametrize("ended", [False, True])
+def test_a_tap_counts_what_a_publisher_that_is_started_again_sent_without_it(context, endpoints, ended):
+    """It numbers its messages from 0: what came before 4 is lost whole, of the first publisher what is between two."""
+    lost = []
+    tap = subscriber_on(context, endpoints, tap=True, every=True)
+    for numbers in ((0, 3, 9), (4, 5)):
+        publisher = publisher_on(context, endpoints, [])
+        # A socket subscribes anew where it is looked at.
+        meet_tap(publisher, tap)
+        for number in numbers:
+            publisher.miss(number - publisher._seq)  # as if they had been sent, and none had come
+            publisher.send(Depth(Header(number), depth=np.zeros((1, 2, 2), np.float32)))
+            message = wait_for_message(tap)
+            assert message.header.seq == number
+            lost.append(tap.lost)
+        if numbers[0] and ended:
+            publisher.miss(3)
+            publisher.finish(0)
+            wait_for(lambda: tap.receive(5) is END, 20)
+            lost.append(tap.lost)
+        publisher.close()
+    assert lost == [0, 2, 7, 11, 11, *([14] if ended else [])]
+    tap.close()
+
+
+def meet_tap(publisher, tap):
+    wait_for(lambda: (tap.receive(0), publisher.pump(), publisher._tap.eager)[2], 20)
+
+
+def wait_for_message(tap):
+    found = []
+    wait_for(lambda: found.append(tap.receive(5)) or found[-1] is not None, 20)
+    return found[-1]
 
 
 def test_a_killed_publisher_is_noticed_and_leaves_no_memory(context, endpoints, child, no_heartbeats):

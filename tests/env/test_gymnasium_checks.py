@@ -6,6 +6,7 @@ import pickle
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -24,13 +25,26 @@ def test_gymnasium_has_nothing_to_object(name: str) -> None:
     env.close()
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, pickle.dumps])
-def test_an_environment_that_is_copied_says_that_it_cannot_be(copied: Callable[[gymnasium.Env], object]) -> None:
-    env = gymnasium.make("evis/CartPole-v0", render_mode="rgb_array", width=32, height=32)
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+@pytest.mark.parametrize("made", [evis.env.EventEnv, evis.env.EventVectorEnv])
+def test_an_environment_that_is_copied_says_that_it_cannot_be(copied: Callable[[Any], object], made: Any) -> None:
+    """A copy alone would have the simulation of the first one, and every step of either would be one of both."""
+    env = made("CartPole", render_mode="rgb_array", width=32, height=32)
     env.reset(seed=1)
     with pytest.raises(evis.SimulationError, match=r"an environment cannot be copied or pickled; .*gymnasium\.make"):
         copied(env)
     env.close()
+
+
+def test_what_was_closed_says_so_whatever_is_asked() -> None:
+    """Also behind a step that was refused for that: `reset()` begins nothing anew."""
+    env = evis.env.EventEnv("CartPole", width=32, height=32)
+    env.reset(seed=1)
+    state = env.state()
+    env.close()
+    for call in (lambda: env.step(np.zeros(1, np.float32)), env.state, env.reset, lambda: env.restore(state)) * 2:
+        with pytest.raises(evis.SimulationError, match=r"^the simulation is closed; make another one$"):
+            call()
 
 
 def episode(env: gymnasium.Env, seed: int | None) -> np.ndarray:

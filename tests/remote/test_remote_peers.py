@@ -324,6 +324,26 @@ def test_a_server_that_is_started_again_goes_on_with_the_run(hosts: Hosts) -> No
     assert any("is broken" in line for line in hosts.said) and any("again, after" in line for line in hosts.said)
 
 
+def test_a_publisher_that_is_started_again_is_counted_from_0(hosts: Hosts) -> None:
+    """What it sent before it was read anew is lost, here and on the other host, whatever came of the one before."""
+    follower = hosts.connected()
+    reader = hosts.reader(EVENTS)
+    events = hosts.graph.publishers[EVENTS]
+    for k in (0, 1):
+        events.send(packet(k))
+    events.miss(8)
+    events.send(packet(10))
+    for k in (0, 1, 10):
+        assert hosts.until(lambda: reader.receive(5)).header.seq == k
+    assert (follower.counters["lost"], reader.lost) == (8, 8)
+    hosts.graph.start_again(EVENTS)
+    hosts.until(hosts.graph.publishers[EVENTS].tapped_by_eager)
+    hosts.graph.publishers[EVENTS].miss(3)
+    hosts.graph.publishers[EVENTS].send(packet(3))
+    assert hosts.until(lambda: reader.receive(5)).header.seq == 3
+    assert (follower.counters["lost"], reader.lost) == (11, 11)
+
+
 def test_another_run_does_not_mix_with_the_last(hosts: Hosts) -> None:
     """Its messages come to a run of their own; who reads the old one is told that it has ended."""
     follower = hosts.connected()

@@ -52,17 +52,21 @@ class Graph:
         topics = {name: TopicPlan(name, kind, "camera", name[6:]) for name, kind in kinds.items()}
         node = NodePlan("camera", "a:B", {}, "camera", outputs={topic.port: name for name, topic in topics.items()})
         self.plan = Plan("graph", run_id, str(self.directory.path), nodes={"camera": node}, topics=topics)
-        self.publishers = {
-            name: Publisher(
-                self.context, name, "camera", endpoints_for(self.directory.path, name), [],
-                message_type=find_topic(name).type, latched=name == INFO,
-            )
-            for name in topics
-        }  # fmt: skip
-        for publisher in self.publishers.values():
-            publisher.start()
+        self.publishers: dict[str, Publisher] = {}
+        for name in topics:
+            self.start_again(name)
         self.publishers[INFO].send(info())
         self.plan.save(self.directory.path / "plan.json")
+
+    def start_again(self, name: str) -> None:
+        """Puts a new publisher of a topic in the place of the one that is there."""
+        if name in self.publishers:
+            self.publishers[name].close()
+        where, kind = endpoints_for(self.directory.path, name), find_topic(name).type
+        self.publishers[name] = Publisher(
+            self.context, name, "camera", where, [], message_type=kind, latched=name == INFO
+        )
+        self.publishers[name].start()
 
     def pump(self) -> None:
         for publisher in self.publishers.values():

@@ -8,6 +8,7 @@ from typing import Any
 
 from evis.cli.events.files import add_input, open_input
 from evis.cli.events.progress import percent
+from evis.events.stretches import Stretches
 from evis.events.time_histogram import TimeHistogram
 
 HELP = "what a recording holds; times as stored, in ns"
@@ -26,7 +27,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     n = on = triggers = imu = frames = 0
     first: int | None = None
     last: int | None = None
-    rate = TimeHistogram(RATE_BINS, FIRST_BIN_NS)
+    rate, stretches = TimeHistogram(RATE_BINS, FIRST_BIN_NS), Stretches()
     with open_input(args, args.recording) as recording, percent(recording, "reading") as step:
         for events in recording.blocks():
             if len(events):
@@ -34,16 +35,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 last = int(events.t[-1])
             n, on, triggers = n + len(events), on + int(events.p.sum(dtype=int)), triggers + len(events.triggers)
             imu, frames = imu + len(events.imu), frames + len(events.frames)
-            rate.add(events.t)
+            for _, t, _ in stretches.parts(events.t):
+                rate.add(t)
             step()
         about, dropped = recording.info, recording.counters()
+    anew = {"times_begun_anew": stretches.begun_anew} if stretches.begun_anew else {}
     return {
         "format": about.format, "encoding": about.encoding, "width": about.width, "height": about.height,
         "events": n, "t_first_ns": first, "t_last_ns": last, "on": on, "off": n - on, "triggers": triggers,
         "imu_samples": imu, "frames": frames,
         "rate_histogram": {"bin_ns": rate.bin_ns, "counts": rate.counts()},
         "geometry_from": about.geometry_from, "serial": about.serial, "sensor": about.sensor,
-        "truncated": about.truncated, "warnings": about.warnings, **dropped,
+        "truncated": about.truncated, "warnings": about.warnings, **anew, **dropped,
     }  # fmt: skip
 
 

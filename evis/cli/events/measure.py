@@ -109,6 +109,7 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
     from evis.events.codecs.decoder import decoder_for
     from evis.events.measure import Measurement
     from msgs.events import EventPacket
+    from msgs.header import missed_between
 
     plan = find_run(args.run)
     check_topic(plan, args.topic)
@@ -126,7 +127,7 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
                     measurement = Measurement(
                         width, height, round(args.window * 1e6), not args.no_rotation, progress.say
                     )
-                lost += message.lost + (message.header.seq - last - 1 if last is not None else 0)
+                lost += message.lost + (missed_between(last, message.header.seq) if last is not None else 0)
                 last, seen = message.header.seq, seen + 1
                 if message.t is not None and message.x is not None and message.y is not None and message.p is not None:
                     end = int(message.env_offsets[1]) if len(message.env_offsets) > 1 else len(message.t)

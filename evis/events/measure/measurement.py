@@ -13,6 +13,7 @@ from evis.events.measure.rotation.merge import merge
 from evis.events.measure.rotation.rotation import TOO_FEW, measure_rotation
 from evis.events.measure.sharpness import Sharpness
 from evis.events.pixel_limit import check_pixels
+from evis.events.stretches import STEP_BACK_NS, Stretches
 
 SEGMENT_NS = 2_000_000_000
 """Rotation is measured stretch by stretch."""
@@ -29,7 +30,8 @@ class Measurement:
 
     width, height: of the sensor [px]; window_ns: length of the windows of rate, noise and sharpness; rotation: whether
     to look for one; working: is told what goes on while that takes its seconds. An event earlier than one before it
-    counts as if it came with that one; how many is reported.
+    counts as if it came with that one; how many is reported. Where times go back by more than a window and 100 ms they
+    begin anew, as with an episode of a bag, and go on behind the last one; how often is reported.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class Measurement:
         check_pixels(width, height)
         self._rate, self._noise = Rate(window_ns), Noise(width, height)
         self._sharpness, self._size = Sharpness(width, height), (width, height)
+        self._stretches = Stretches(max(window_ns, STEP_BACK_NS))
         self._window_ns, self._rotating, self._working = window_ns, rotation, working
         self._held: list[tuple[np.ndarray, ...]] = []
         self._first = self._latest = self._segment_first = self._window = 0
@@ -60,8 +63,10 @@ class Measurement:
         if not inside.all():
             self.outside += int((~inside).sum())
             t, x, y, p = t[inside], x[inside], y[inside], p[inside]
-        if not len(t):
-            return
+        for part, own_t, anew in self._stretches.parts(t):
+            self._add(own_t, x[part], y[part], p[part], anew)
+
+    def _add(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, anew: bool) -> None:
         if not self._started:
             self._first = self._latest = self._segment_first = int(t[0])
             self._started = True
@@ -71,6 +76,9 @@ class Measurement:
         self._rate.add(sorted_t, p)
         self._add_windows(sorted_t, x, y, p)
         if self._rotating:
+            if anew:
+                self._close_segment()
+                self._segment_first = int(sorted_t[0])
             self._add_rotation(sorted_t, x, y, p)
 
     def report(self) -> dict[str, Any]:
@@ -87,6 +95,7 @@ class Measurement:
             result["stretches_left_out"] = self._left_out
         result |= {"noise": self._noise.report(), "sharpness": self._sharpness.report()}
         result |= {"events_outside": self.outside, "time_steps_back": self.backwards}
+        result |= {"times_begun_anew": self._stretches.begun_anew}
         return result
 
     def _window_start(self, t: int) -> int:

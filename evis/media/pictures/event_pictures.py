@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from evis.events.arrays import Events
 from evis.events.pixel_limit import check_pixels
 from evis.events.recording import Recording
+from evis.events.stretches import Stretches
 
 
 class Colours(NamedTuple):
@@ -90,6 +92,9 @@ class TimeSurface:
 def windows(recording: Recording, dt_ns: int, from_ns: int, to_ns: int | None) -> Iterator[tuple[int, Events]]:
     """Yields (start, events) of consecutive windows of dt_ns from from_ns to to_ns, [ns] after the first event or
     trigger.
+
+    Where the times of a recording begin anew, as with an episode of a bag, they go on behind the last event: those of
+    the events that are given too.
     """
     first = recording.next_t_ns
     if first is None:
@@ -98,7 +103,21 @@ def windows(recording: Recording, dt_ns: int, from_ns: int, to_ns: int | None) -
     if from_ns:
         recording.seek(start)
     end = None if to_ns is None else first + to_ns
-    while recording.next_t_ns is not None and (end is None or start < end):
+    stretches, ahead = Stretches(), Events.empty()
+    while (len(ahead) or recording.next_t_ns is not None) and (end is None or start < end):
         stop = start + dt_ns if end is None else min(start + dt_ns, end)
-        yield start - first, recording.read_until(stop - 1)
-        start = stop
+        cut = _first_from(ahead.t, stop)
+        if cut == len(ahead):
+            # What is read ends at a time of the stretch that it begins in, and may lie in later ones.
+            read = recording.read_until(stop - stretches.shift_ns - 1)
+            parts = [replace(read[part], t=t) for part, t, _ in stretches.parts(read.t)]
+            ahead = Events.concatenate([ahead, *parts])
+            cut = _first_from(ahead.t, stop)
+        yield start - first, ahead[:cut]
+        ahead, start = ahead[cut:], stop
+
+
+def _first_from(t: np.ndarray, stop_ns: int) -> int:
+    """Returns how many events come before the first one at or after a time: t int64 [n] ns."""
+    later = t >= stop_ns
+    return int(later.argmax()) if later.any() else len(t)

@@ -8,11 +8,14 @@ import json
 import numpy as np
 import pytest
 
+from evis.bag.writer import BagWriter
 from evis.cli import events as command
 from evis.cli.events.info import FIRST_BIN_NS, RATE_BINS
-from evis.events import Events, open_writer
+from evis.events import Events, open_recording, open_writer
 from evis.events.time_histogram import TimeHistogram
-from evis.media.pictures.event_pictures import ON_WHITE, TimeSurface
+from evis.media.pictures.event_pictures import ON_WHITE, TimeSurface, windows
+from msgs.camera import EventPacket
+from msgs.header import Header
 
 MS = 1_000_000
 
@@ -128,3 +131,28 @@ def test_info_for_people_draws_the_rate(capsys, tmp_path):
     bars = line.split("|")[1]
     assert len(bars) == 10 and [i for i, b in enumerate(bars) if b != " "] == [0, 3, 9]
     assert bars[3] == "█" and bars[9] == "▁" and "at most 100 Mev/s, a bar is 1 us" in line
+
+
+@pytest.mark.parametrize(("dt", "begin", "end"), [(20, 0, None), (20, 40, 300), (70, 0, None), (1000, 0, None)])
+def test_episodes_of_a_bag_are_drawn_one_behind_the_other(dt, begin, end, capsys, tmp_path):
+    """Times begin anew twice, with episodes of 120, 110 and 200 ms: an event every 10 ms, each in its own column."""
+    with BagWriter(tmp_path / "run.mcap") as bag:
+        for k, (episode, i) in enumerate((e, i) for e, n in enumerate((13, 12, 21)) for i in range(n)):
+            stamp, rest = i * 10 * MS, {"x": np.array([k], np.uint16), "y": np.zeros(1, np.uint16)}
+            packet = EventPacket(
+                Header(stamp + 10 * MS, k, episode=episode), np.array([0, 1]), t=np.array([stamp]), **rest,
+                p=np.ones(1, np.uint8), width=60, height=4,
+            )  # fmt: skip
+            bag.write("/cam0/events", packet)
+    times = np.concatenate([np.arange(0, 121, 10), np.arange(120, 231, 10), np.arange(230, 431, 10)])
+    last = 430 if end is None else end - 1
+    with open_recording(tmp_path / "run.mcap") as recording:
+        found = list(windows(recording, dt * MS, begin * MS, None if end is None else end * MS))
+    assert [start for start, _ in found] == [start * MS for start in range(begin, last + 1, dt)]
+    for start, events in found:
+        stop = min(start + dt * MS, (last + 1) * MS)
+        inside = (times * MS >= start) & (times * MS < stop)
+        assert events.x.tolist() == np.flatnonzero(inside).tolist()
+        assert events.t.tolist() == (times[inside] * MS).tolist()
+    made = call(capsys, "render", tmp_path / "run.mcap", tmp_path / "a.gif", "--dt", 20)
+    assert made["pictures"] == 22

@@ -99,3 +99,40 @@ def test_a_torn_bag_says_so(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     rec = evis.open(path)
     assert rec.counts.events == 10 and rec.info.truncated and "torn" in rec.info.warnings[-1]
+
+
+@pytest.mark.parametrize("lengths", [(500, 500), (500, 120, 300), (300, 100)])
+def test_the_durations_of_episodes_add_up(tmp_path: Path, lengths: tuple[int, ...]) -> None:
+    """The last one ends earlier than the first: from its first event to its last a recording had too little time, or
+    less than none."""
+    begin, k = 150 * STEP // 10, 0
+    with BagWriter(tmp_path / "run.mcap") as writer:
+        for episode, length in enumerate(lengths):
+            start = 0 if episode else begin
+            for at in (0, length // 2, length):
+                k += 1
+                t, one = np.array([start + at * STEP // 10]), np.ones(1, np.uint16)
+                columns = {"t": t, "x": one, "y": one, "p": one.astype(np.uint8)}
+                header = Header(int(t[0]) + 1, k, episode=episode)
+                writer.write("/cam0/events", EventPacket(header, np.array([0, 1]), **columns, width=32, height=24))
+    recording = evis.open(tmp_path / "run.mcap")
+    assert recording.counts.events == 3 * len(lengths)
+    assert recording.duration_ns == recording.counts.duration_ns == sum(lengths) * STEP // 10
+    assert (recording.start_ns, recording.end_ns) == (begin, lengths[-1] * STEP // 10)
+
+
+def test_a_slice_without_an_end_has_its_part_of_every_episode(tmp_path: Path) -> None:
+    """Not what later episodes have before its start; what is out of order by less than an episode is stays."""
+    with BagWriter(tmp_path / "run.mcap") as writer:
+        for k in range(1, 61):
+            episode, i = divmod(k - 1, 20)
+            t = i * STEP + np.array([0, 2000, 1000])
+            columns = {"t": t, "x": np.zeros(3, np.uint16), "y": np.zeros(3, np.uint16), "p": np.ones(3, np.uint8)}
+            header = Header((i + 1) * STEP, k, episode=episode)
+            writer.write("/cam0/events", EventPacket(header, np.array([0, 3]), **columns, width=32, height=24))
+    begin = 15 * STEP + 1500
+    t = evis.open(tmp_path / "run.mcap")[begin:].numpy()["t"]
+    whole = np.concatenate([i * STEP + np.array([0, 2000, 1000]) for i in range(16, 20)])
+    # The first episode is read from its first event on that is not earlier, in the order of the file.
+    expected = [[15 * STEP + 2000, 15 * STEP + 1000], whole, [15 * STEP + 2000], whole, [15 * STEP + 2000], whole]
+    assert t.tolist() == np.concatenate(expected).tolist()
