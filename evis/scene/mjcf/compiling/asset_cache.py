@@ -15,8 +15,8 @@ _named: dict[Path, Stamp] = {}
 """How files were when a model of this process named them last, since the cache was emptied."""
 
 
-def expect(path: Path) -> Path:
-    """Empties MuJoCo's cache where a file that a model names has changed since another one did, and returns the file.
+def refresh_cache(path: Path) -> Path:
+    """Empties MuJoCo's cache where a file has changed since a model of this process named it, and returns the file.
 
     Without a change the cache stays: a mesh of 10,000 vertices is read from it in a tenth of the time.
     """

@@ -17,7 +17,7 @@ from evis.files.regular import other_than_file
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.images.pictures import TEXEL, check_picture, check_size
-from evis.scene.mjcf.compiling.asset_cache import expect
+from evis.scene.mjcf.compiling.asset_cache import refresh_cache
 from evis.scene.mjcf.compiling.xml import Element, read_xml
 from evis.scene.sources import note
 
@@ -126,7 +126,7 @@ class _Checker:
                 raise SceneError(f"{element.where}: '{name}' is {what}, and must be a file")
             if path.is_file() and path.resolve() not in [p.resolve() for p in found]:
                 self.folders.check(path, f"{element.where}: '{name}'")
-                found.append(expect(note(path)))
+                found.append(refresh_cache(note(path)))
         return found
 
     def _files(self, element: Element, main: Path, dirs: dict[str, list[str]]) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from evis.files.regular import other_than_file
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
-from evis.scene.mjcf.compiling.asset_cache import expect
+from evis.scene.mjcf.compiling.asset_cache import refresh_cache
 from evis.scene.mjcf.compiling.check import check_model
 from evis.scene.mjcf.compiling.compile import Edit, compiled, edited, in_one_line
 from evis.scene.sources import note
@@ -115,7 +115,7 @@ def _text(path: Path, folders: Folders, visuals: bool) -> str:
     keeps = compiler.get("discardvisual") == "false"
     for part in ("visual", "collision") if keeps else ("collision",):
         for mesh in root.iterfind(f".//{part}//mesh"):
-            mesh.set("filename", str(expect(note(mesh_file(mesh.get("filename", ""), path, folder, folders)))))
+            mesh.set("filename", str(refresh_cache(note(mesh_file(mesh.get("filename", ""), path, folder, folders)))))
     return ET.tostring(root, encoding="unicode")
 
 
