@@ -143,16 +143,20 @@ def test_the_run_is_described_in_the_bag(tmp_path):
         assert reader.metadata["parameters"]["physics"] == '{"omega": 60.0}'
 
 
-def test_losses_are_counted_and_kept(tmp_path):
+@pytest.mark.parametrize(
+    ("numbers", "lost"), [((0, 1, 4, 5, 9), 5), ((0, 1, 7, 2, 4), 8)], ids=["one publisher", "started again after 7"]
+)
+def test_losses_are_counted_and_kept(tmp_path, numbers, lost):
+    """A publisher that is started again numbers its messages from 0: of its first ones two are lost, and one later."""
     node = make_node(RecorderNode, path=str(tmp_path / "a.mcap"))
     node.setup()
-    for k in (0, 1, 4, 5, 9):
+    for k in numbers:
         node.receive("/cam0/events", scene(k)["/cam0/events"])
         node.receive("/diagnostics", scene(k)["/diagnostics"])  # many publishers: their numbers tell nothing
     node.close()
-    assert node.runtime.counters["lost"] == 5
+    assert node.runtime.counters["lost"] == lost
     with BagReader(tmp_path / "a.mcap") as reader:
-        assert reader.metadata["lost"] == {"/cam0/events": "5"}
+        assert reader.metadata["lost"] == {"/cam0/events": str(lost)}
 
 
 def test_an_older_recording_is_kept_and_that_is_said(tmp_path):
