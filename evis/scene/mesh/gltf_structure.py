@@ -17,8 +17,10 @@ _KINDS = (
 _READ = ("KHR_materials_", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_texture_webp")
 """Beginnings of extensions that a file may ask for: what they say is read, or what a picture may do without."""
 _TRANSFORMS = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
+_NONE = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
+"""What changes nothing, which some programs write beside a matrix."""
 _VERSION = "2."
-_LAST_ROW, ROUNDED = ((3, 0.0), (7, 0.0), (11, 0.0), (15, 1.0)), 1e-6
+_LAST_ROW, _ROUNDED = ((3, 0.0), (7, 0.0), (11, 0.0), (15, 1.0)), 1e-6
 """Where a matrix, column by column, has its last row, and what that is; by how much programs round it."""
 
 
@@ -32,6 +34,9 @@ def check_names(tree: dict[str, Any], parts: dict[str, int]) -> None:
     version = str(tree.get("asset", {}).get("version", _VERSION))
     if not version.startswith(_VERSION):
         raise SceneError(f"is of glTF {version:.20}, and only glTF 2 is read; export it as that")
+    for key in ("extensionsUsed", "extensionsRequired"):
+        if not isinstance(tree.get(key, []), list):
+            raise SceneError(f"its {key} are no list; write it anew")
     for name in tree.get("extensionsRequired", []):
         if not str(name).startswith(_READ):
             raise SceneError(f"needs the extension {name!s:.60}, which is not read; export it without")
@@ -114,10 +119,10 @@ def _check_transform(number: int, node: dict[str, Any]) -> None:
             raise SceneError(f"its node {number} has a {key} that is not of {count} finite numbers; write it anew")
     matrix = node.get("matrix")
     if matrix is not None:
-        if beside := [key for key in _TRANSFORMS if key in node and key != "matrix"]:
+        if beside := [key for key, none in _NONE.items() if node.get(key, none) != none]:
             told = f"a matrix and a {beside[0]} beside it, of which a node may have one"
             raise SceneError(f"its node {number} has {told}; write it anew")
-        if any(abs(matrix[k] - value) > ROUNDED for k, value in _LAST_ROW):
+        if any(abs(matrix[k] - value) > _ROUNDED for k, value in _LAST_ROW):
             raise SceneError(f"its node {number} has a matrix whose last row is not 0 0 0 1; write it anew")
     if not any(node.get("rotation", [1.0])):
         raise SceneError(f"its node {number} has a rotation of 0 0 0 0, which is none; write it anew")

@@ -61,6 +61,8 @@ PRIMITIVE = "meshes", 0, "primitives", 0
         (put("nodes", 1, "rotation", value=[0, 0, 0]), "its node 1 has a rotation that is not of 4 finite numbers;"),
         (put("nodes", 0, "children", value=[1]), "its node 1 is below node 0 and the scene itself;"),
         (put("nodes", value={}), "its nodes are no list of maps;"),
+        (put("extensionsUsed", value=5), "its extensionsUsed are no list;"),
+        (put("extensionsRequired", value="KHR_materials_unlit"), "its extensionsRequired are no list;"),
         (put("nodes", 1, "rotation", value=[0, 0, 0, 0]), "its node 1 has a rotation of 0 0 0 0, which is none;"),
         (put("nodes", 0, "matrix", value=[*[1, 0, 0, 0.1], *np.eye(4).ravel()[4:].tolist()]), "its node 0 has a matri"),
         (put("accessors", 0, "componentType", value=5124), "its accessor 0 has component type 5124 and type VEC3, "),
@@ -113,8 +115,12 @@ def test_indices_are_whole_numbers(tmp_path: Path) -> None:
 
 
 def test_a_transform_is_told_in_one_way(tmp_path: Path) -> None:
-    """A node has a matrix, or translation, rotation and scale (glTF 2.0, 3.5.3)."""
+    """A node has a matrix, or translation, rotation and scale (glTF 2.0, 3.5.3); what changes nothing may be there."""
     tree = triangle()
+    matrix = np.diag([2.0, 2.0, 2.0, 1.0]).ravel().tolist()
+    tree["nodes"][0] |= {"matrix": matrix, "translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
+    (part,) = load_parts(gltf(tmp_path / "a.gltf", tree), np.ones(3))
+    assert np.allclose(np.linalg.norm(part.mesh.vertices, axis=1), 2.0)
     tree["nodes"][0] |= {"matrix": np.eye(4).ravel().tolist(), "scale": [2, 2, 2]}
     with pytest.raises(SceneError, match=r"its node 0 has a matrix and a scale beside it, of which a node may have"):
         load_parts(gltf(tmp_path / "a.gltf", tree), np.ones(3))
