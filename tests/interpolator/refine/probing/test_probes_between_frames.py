@@ -84,8 +84,8 @@ def test_as_many_as_what_is_on_no_pixel_is_wide(speed, tolerance_ns, wanted, bes
 
 @pytest.mark.parametrize(("speed", "told"), [(40, False), (60, True)])
 def test_what_a_close_tolerance_asks_for_and_may_not_have_is_told_as_with_any_other(speed, told):
-    """There are 128 instants. At 40 px per gap the strip of 0.3 px is on a pixel for a 133rd of it: of 42 % of the image
-    these leave 4 % unseen, 1.7 % of all pixels, where 0.5 % is wanted and 3 % need not be told; at 60 px 22 %."""
+    """There are 128 instants. At 40 px per gap the strip of 0.3 px is on a pixel for a 133rd of it: of 42 % of the
+    image these leave 4 % unseen, 1.7 % of all pixels, where 0.5 % is wanted and 3 % need not be told; at 60 px 22 %."""
     found = gap_of(passing(0.3, speed))
     assert drawn(found) == [128] and found.refinement.unseen.tolist() == [told]
 
